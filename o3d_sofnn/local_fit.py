@@ -1,0 +1,134 @@
+"""Stage 2: local plane and quadric fits, their scale, the noise level and the outlier rule."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._kernels import KdTree, fit_scales
+
+SCALES = np.array([8, 12, 18, 27, 40, 60, 90, 135, 200, 300, 450, 675, 1000], np.int64)
+"""Neighbourhood sizes tried, a factor of 1.5 apart."""
+RADIUS = 1.1
+"""Radius of a fit over the distance of its last neighbour (as in the native kernel)."""
+RANDOM = 0.5
+"""Mean disagreement in radians above which normals carry no information (unrelated ones: 1)."""
+FEW = 11
+"""Sizes tried at first: enough for all but strong noise."""
+PILOTS = 1500
+"""Places at which the scale is chosen; in between the nearest one speaks."""
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Local scale of the data, known at a few pilot points.
+
+    Attributes
+    ----------
+    tree : KdTree
+        Over the pilot points.
+    n_neighbors : (p,) int64
+        Neighbourhood size at which normals agree best with those of larger neighbourhoods.
+    noise : (p,) float64
+        Standard deviation of the points about the surface, in the unit of the points.
+    spacing : (p,) float64
+        Edge of the square that one point covers.
+    """
+
+    tree: KdTree
+    n_neighbors: NDArray[np.int64]
+    noise: NDArray[np.float64]
+    spacing: NDArray[np.float64]
+
+    def at(self, x: NDArray[np.float64], n_threads: int) -> NDArray[np.int64]:
+        """Index of the pilot that speaks for each row of `x`."""
+        return np.asarray(self.tree.query(x, 1, np.inf, n_threads)[1][:, 0])
+
+
+def choose_scale(
+    points: NDArray[np.float64], tree: KdTree, max_neighbors: int | None, max_radius: float | None, n_threads: int
+) -> Scale:
+    """Find the neighbourhood size that balances noise against detail, region by region.
+
+    A normal fitted at one scale is compared with the one fitted two scales further up. Noise makes
+    them differ when the neighbourhood is too small, the shape does when it is too large; the
+    smallest mean difference over a region marks the scale to use, and the residual of the fit at
+    that scale is the noise level. Nothing is assumed of either beforehand.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        Distinct points in Morton order.
+    tree : KdTree
+        Over `points`.
+    max_neighbors : int or None
+        Largest neighbourhood allowed; None for no limit but the data's.
+    max_radius : float or None
+        The same as a radius, in the unit of the points.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    Scale
+        At up to 1500 pilots, evenly spread over the points.
+    """
+    n = len(points)
+    limit = max(min(max_neighbors or n, n // 20), SCALES[0])
+    sizes = np.minimum(SCALES[: np.searchsorted(SCALES, limit, "right") + 2], n)
+    pilots = points[np.linspace(0, n - 1, min(n, PILOTS)).astype(np.int64)]
+    pilot_tree = KdTree(pilots, n_threads)
+    region = pilot_tree.query(pilots, min(24, len(pilots)), np.inf, n_threads)[1]
+    for count in (min(FEW, len(sizes)), len(sizes)):
+        normals, info = fit_scales(tree, points, pilots, sizes[:count], n_threads)
+        cosine = np.abs(np.einsum("psd,psd->ps", normals[:, :-2], normals[:, 2:]))
+        disagreement = np.arccos(np.clip(cosine, 0.0, 1.0))
+        regional = (disagreement[region].mean(axis=1) + 0.25 * disagreement.mean(axis=0)) / 1.25
+        # Below the noise both normals are random and agree by chance: that minimum does not count.
+        rising = (regional[:, 1:] >= regional[:, :-1]) & (regional[:, :-1] < RANDOM)
+        if (~rising.any(axis=1)).mean() < 0.05:
+            break
+    # The first minimum: far beyond the size of a thin part normals agree again, with each other only.
+    chosen = np.where(rising.any(axis=1), rising.argmax(axis=1), regional.argmin(axis=1))
+    row = np.arange(len(pilots))
+    if max_radius is not None:
+        chosen = np.minimum(chosen, np.maximum((info[:, :, 2] <= max_radius).sum(axis=1) - 1, 0))
+    noise = np.median(info[row, chosen, 0][region], axis=1)
+    radius = info[row, chosen, 2] / RADIUS
+    spacing = radius * np.sqrt(np.pi / sizes[chosen])
+    return Scale(pilot_tree, sizes[chosen], noise, np.median(spacing[region], axis=1))
+
+
+def find_outliers(
+    points: NDArray[np.float64], tree: KdTree, n_threads: int, *, n_neighbors: int = 8
+) -> NDArray[np.bool_]:
+    """Mark points that lie alone (Algorithm 1, step 5).
+
+    The paper counts points in the cells around; with uneven density the same question is asked
+    relative to the neighbours: the mean distance to the nearest points against theirs (Breunig et
+    al. 2000, local outlier factor).
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        Distinct points.
+    tree : KdTree
+        Over `points`.
+    n_threads : int
+        Threads.
+    n_neighbors : int, default 8
+        Neighbours looked at.
+
+    Returns
+    -------
+    (n,) bool
+        True for outliers.
+    """
+    k = min(n_neighbors + 1, len(points))
+    if k < 4:
+        return np.zeros(len(points), bool)
+    distance, index = tree.query(points, k, np.inf, n_threads)
+    reach = distance[:, 1:].mean(axis=1)
+    return np.asarray(reach > 3.0 * np.median(reach[index[:, 1:]], axis=1))

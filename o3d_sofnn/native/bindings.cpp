@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: MIT
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
+
+#include "local_fit.hpp"
+#include "field.hpp"
+#include "typical_data.hpp"
+#include "winding.hpp"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+using namespace sofnn;
+
+using Points = nb::ndarray<const double, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
+using Doubles = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Frames = nb::ndarray<const double, nb::shape<-1, 3, 3>, nb::c_contig, nb::device::cpu>;
+using Coefficients = nb::ndarray<const double, nb::shape<-1, 6>, nb::c_contig, nb::device::cpu>;
+using Ints = nb::ndarray<const int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+
+template <class T>
+auto array(std::vector<T>&& data, std::initializer_list<size_t> shape) {
+  auto* owned = new std::vector<T>(std::move(data));
+  nb::capsule owner(owned, [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
+  return nb::ndarray<nb::numpy, T>(owned->data(), shape, owner);
+}
+
+NB_MODULE(_kernels, m) {
+  nb::class_<KdTree>(m, "KdTree")
+      .def_prop_ro("size", &KdTree::size)
+      .def("__init__", [](KdTree* t, Points p, int threads) { new (t) KdTree(p.data(), p.shape(0), threads); },
+           "points"_a, "n_threads"_a, nb::call_guard<nb::gil_scoped_release>())
+      .def("query",
+           [](const KdTree& t, Points x, int64_t k, double max_distance, int threads) {
+             const size_t n = x.shape(0);
+             std::vector<double> dist(n * k, std::numeric_limits<double>::infinity());
+             std::vector<int64_t> index(n * k, t.size());
+             {
+               nb::gil_scoped_release release;
+               parallel_for(n, 256, threads, [&](int64_t lo, int64_t hi) {
+                 std::vector<Neighbor> heap;
+                 for (int64_t i = lo; i < hi; ++i) {
+                   t.nearest(load(x.data() + 3 * i), k, max_distance * max_distance, heap);
+                   for (size_t j = 0; j < heap.size(); ++j)
+                     dist[i * k + j] = std::sqrt(heap[j].sq_dist), index[i * k + j] = heap[j].index;
+                 }
+               });
+             }
+             return nb::make_tuple(array(std::move(dist), {n, (size_t)k}), array(std::move(index), {n, (size_t)k}));
+           },
+           "x"_a, "k"_a, "max_distance"_a, "n_threads"_a);
+
+  m.def("fit_scales",
+        [](const KdTree& t, Points p, Points centers, Ints scales, int threads) {
+          const size_t n = centers.shape(0), ns = scales.shape(0);
+          std::vector<double> normal(n * ns * 3), info(n * ns * 4);
+          {
+            nb::gil_scoped_release release;
+            parallel_for(n, 16, threads, [&](int64_t lo, int64_t hi) {
+              FitScratch s;
+              for (int64_t i = lo; i < hi; ++i) {
+                const Vec3 c = load(centers.data() + 3 * i);
+                t.nearest(c, scales.data()[ns - 1], 1e300, s.neighbors);
+                for (size_t j = 0; j < ns; ++j) {
+                  const int64_t k = std::min<int64_t>(scales.data()[j], s.neighbors.size());
+                  const LocalFit f = fit_quadric(p.data(), nullptr, nullptr, c, k, 0.0, 0, s);
+                  const size_t o = i * ns + j;
+                  store(&normal[3 * o], f.normal);
+                  info[4 * o] = f.rms, info[4 * o + 1] = f.slope_error, info[4 * o + 2] = f.radius, info[4 * o + 3] = f.surface_variation;
+                }
+              }
+            });
+          }
+          return nb::make_tuple(array(std::move(normal), {n, ns, 3}), array(std::move(info), {n, ns, 4}));
+        },
+        "tree"_a, "points"_a, "centers"_a, "scales"_a, "n_threads"_a);
+
+  m.def("fit_rules",
+        [](const KdTree& t, Points p, Points centers, Ints neighbors, Doubles robust, int iterations,
+           std::optional<Points> normals, std::optional<Points> sides, int threads) {
+          const size_t n = centers.shape(0);
+          std::vector<double> foot(3 * n), frame(9 * n), coef(6 * n), info(4 * n);
+          {
+            nb::gil_scoped_release release;
+            parallel_for(n, 64, threads, [&](int64_t lo, int64_t hi) {
+              FitScratch s;
+              for (int64_t i = lo; i < hi; ++i) {
+                const Vec3 c = load(centers.data() + 3 * i);
+                t.nearest(c, neighbors.data()[i], 1e300, s.neighbors);
+                const LocalFit f = fit_quadric(p.data(), normals ? normals->data() : nullptr,
+                                               sides ? sides->data() + 3 * i : nullptr, c, s.neighbors.size(),
+                                               robust.data()[i], iterations, s);
+                store(&foot[3 * i], f.foot);
+                store(&frame[9 * i], f.frame.t1), store(&frame[9 * i + 3], f.frame.t2), store(&frame[9 * i + 6], f.frame.n);
+                for (int q = 0; q < 6; ++q) coef[6 * i + q] = f.coefficients[q];
+                info[4 * i] = f.rms, info[4 * i + 1] = f.slope_error, info[4 * i + 2] = f.radius, info[4 * i + 3] = f.surface_variation;
+              }
+            });
+          }
+          return nb::make_tuple(array(std::move(foot), {n, 3}), array(std::move(frame), {n, 3, 3}), array(std::move(coef), {n, 6}), array(std::move(info), {n, 4}));
+        },
+        "tree"_a, "points"_a, "centers"_a, "n_neighbors"_a, "robust"_a, "iterations"_a, "normals"_a.none(), "sides"_a.none(), "n_threads"_a);
+
+  m.def("infer_normals",
+        [](const KdTree& t, Points x, Points centers, Frames frames, Coefficients coef, Doubles radius, Doubles tolerance, Doubles confidence, int64_t k, int threads) {
+          const size_t n = x.shape(0);
+          std::vector<double> normal(3 * n), info(2 * n);
+          {
+            nb::gil_scoped_release release;
+            const RuleView rules{centers.data(), frames.data(), coef.data(), radius.data(), tolerance.data(), confidence.data()};
+            parallel_for(n, 256, threads, [&](int64_t lo, int64_t hi) {
+              InferenceScratch s;
+              for (int64_t i = lo; i < hi; ++i) infer_normal(t, rules, load(x.data() + 3 * i), k, s, &normal[3 * i], &info[2 * i]);
+            });
+          }
+          return nb::make_tuple(array(std::move(normal), {n, 3}), array(std::move(info), {n, 2}));
+        },
+        "tree"_a, "x"_a, "centers"_a, "frames"_a, "coefficients"_a, "radius"_a, "tolerance"_a, "confidence"_a, "k"_a, "n_threads"_a);
+
+  m.def("evaluate_field",
+        [](const KdTree& t, Points x, Points centers, Frames frames, Coefficients coef, Doubles radius, Doubles tolerance, Doubles confidence, int64_t k, int threads) {
+          const size_t n = x.shape(0);
+          std::vector<double> value(2 * n);
+          {
+            nb::gil_scoped_release release;
+            const RuleView rules{centers.data(), frames.data(), coef.data(), radius.data(), tolerance.data(), confidence.data()};
+            parallel_for(n, 256, threads, [&](int64_t lo, int64_t hi) {
+              InferenceScratch s;
+              for (int64_t i = lo; i < hi; ++i) evaluate_field(t, rules, load(x.data() + 3 * i), k, s, &value[2 * i]);
+            });
+          }
+          return array(std::move(value), {n, 2});
+        },
+        "tree"_a, "x"_a, "centers"_a, "frames"_a, "coefficients"_a, "radius"_a, "tolerance"_a, "confidence"_a, "k"_a, "n_threads"_a);
+
+  m.def("typical_data",
+        [](Points p, Ints offsets, Ints clusters, int iterations, double tolerance, int threads) {
+          const size_t cells = offsets.shape(0) - 1;
+          std::vector<int64_t> first(cells + 1, 0);
+          for (size_t i = 0; i < cells; ++i) first[i + 1] = first[i] + clusters.data()[i];
+          std::vector<double> centers(3 * first[cells]);
+          {
+            nb::gil_scoped_release release;
+            parallel_for(cells, 64, threads, [&](int64_t lo, int64_t hi) {
+              std::vector<double> scratch;
+              for (int64_t i = lo; i < hi; ++i)
+                cluster_cell(p.data() + 3 * offsets.data()[i], offsets.data()[i + 1] - offsets.data()[i], clusters.data()[i],
+                             iterations, tolerance, &centers[3 * first[i]], scratch);
+            });
+          }
+          return array(std::move(centers), {(size_t)first[cells], 3});
+        },
+        "points"_a, "offsets"_a, "n_clusters"_a, "iterations"_a, "tolerance"_a, "n_threads"_a);
+
+  nb::class_<WindingTree>(m, "WindingTree")
+      .def("__init__", [](WindingTree* t, Points p, Doubles area) { new (t) WindingTree(p.data(), area.data(), p.shape(0)); },
+           "points"_a, "area"_a, nb::call_guard<nb::gil_scoped_release>())
+      .def("order", [](const WindingTree& t) { return array(std::vector<int64_t>(t.order()), {(size_t)t.size()}); })
+      .def("evaluate",
+           [](const WindingTree& t, std::optional<Points> mu, std::optional<Doubles> charge, Points x, Doubles width, double theta, int threads) {
+             const size_t n = x.shape(0);
+             std::vector<WindingSums> sums(n);
+             std::vector<double> w(n), g(3 * n), f(3 * n);
+             {
+               nb::gil_scoped_release release;
+               t.evaluate(mu ? mu->data() : nullptr, charge ? charge->data() : nullptr, x.data(), width.data(), n, theta, threads, sums.data());
+               for (size_t i = 0; i < n; ++i) {
+                 w[i] = sums[i].winding;
+                 for (int d = 0; d < 3; ++d) g[3 * i + d] = sums[i].gradient[d], f[3 * i + d] = sums[i].adjoint[d];
+               }
+             }
+             return nb::make_tuple(array(std::move(w), {n}), array(std::move(g), {n, 3}), array(std::move(f), {n, 3}));
+           },
+           "mu"_a.none(), "charge"_a.none(), "x"_a, "width"_a, "theta"_a, "n_threads"_a);
+}

@@ -1,0 +1,297 @@
+"""The method from top to bottom, arrays in and arrays out. Each stage is one call; its file explains it."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import metrics
+from ._kernels import KdTree
+from .field import Field
+from .local_fit import Scale, choose_scale, find_outliers
+from .octree import sort_unique
+from .orientation import face, orient
+from .results import NormalEstimate, SurfaceEstimate
+from .rules import RuleBase, fit_rules, grow, infer_normals, typical_data
+from .surface import attribute_weights, choose_voxel_size, extract, keep_supported
+
+__all__ = ["NormalEstimate", "SurfaceEstimate", "estimate_normals", "reconstruct_surface"]
+
+Progress = Callable[[float, str], None]
+Array = NDArray[np.float64]
+
+STAGES = {
+    "cells": 0.02,
+    "scale": 0.08,
+    "typical data": 0.10,
+    "rules": 0.15,
+    "orientation": 0.40,
+    "inference": 0.50,
+    "field": 0.55,
+    "surface": 0.95,
+    "attributes": 1.00,
+}
+"""Stages in order, and the part of the whole that is done after each."""
+
+
+@dataclass
+class _Clock:
+    """Seconds per stage, and word to whoever wants to know."""
+
+    progress: Progress | None
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        if self.progress:
+            done = list(STAGES.values())
+            self.progress(dict(zip(STAGES, [0.0, *done[:-1]], strict=True))[name], name)
+        start = time.perf_counter()
+        yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+
+    def finish(self) -> None:
+        if self.progress:
+            self.progress(1.0, "done")
+
+
+@dataclass(frozen=True)
+class _Learned:
+    """What both operators need: the rule base of a cloud, in coordinates about its middle."""
+
+    points: Array
+    inverse: NDArray[np.int64]
+    tree: KdTree
+    scale: Scale
+    inliers: NDArray[np.bool_]
+    rules: RuleBase
+    middle: Array
+    warnings: tuple[str, ...]
+
+
+def estimate_normals(
+    points: Array,
+    *,
+    max_nn: int | None = None,
+    radius: float | None = None,
+    viewpoint: Array | None = None,
+    towards: Array | None = None,
+    n_threads: int = -1,
+    progress: Progress | None = None,
+) -> NormalEstimate:
+    """Estimate oriented normals (stages 1 to 6).
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        Finite, at least 4, in any unit.
+    max_nn : int, optional
+        Largest number of points in a local fit. None chooses from the data.
+    radius : float, optional
+        Largest radius of a local fit, in the unit of the points.
+    viewpoint : (3,) float64, optional
+        A place that the normals shall face.
+    towards : (3,) float64, optional
+        A direction that the normals of each separate piece shall face in the mean.
+    n_threads : int, default -1
+        Threads; -1 for one a core. The result does not depend on it.
+    progress : callable, optional
+        Called with the fraction done and the name of the stage that begins.
+
+    Returns
+    -------
+    NormalEstimate
+
+    Raises
+    ------
+    ValueError
+        `points` has fewer than 4 rows, or they are all equal or on one line.
+    """
+    threads = _threads(n_threads)
+    clock = _Clock(progress)
+    learned = _learn(points, None, max_nn, radius, viewpoint, towards, threads, clock)
+    estimate = _infer(learned, threads, clock)
+    clock.finish()
+    return estimate
+
+
+def reconstruct_surface(
+    points: Array,
+    *,
+    normals: Array | None = None,
+    depth: int | None = None,
+    voxel_size: float | None = None,
+    trim: float | None = None,
+    max_nn: int | None = None,
+    radius: float | None = None,
+    n_threads: int = -1,
+    progress: Progress | None = None,
+) -> SurfaceEstimate:
+    """Reconstruct a closed surface (stages 1 to 9).
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        Finite, at least 4, in any unit.
+    normals : (n, 3) float64, optional
+        Known sides: the surface faces them. None finds the sides from the points.
+    depth : int, optional
+        The longest side of the bounding box is divided into ``2**depth`` cubes.
+    voxel_size : float, optional
+        Edge of a cube, in the unit of the points. Without `depth` and `voxel_size` it is chosen
+        from spacing and noise.
+    trim : float, optional
+        Remove triangles whose confidence is below this, 0 to 1; the mesh is then open.
+    max_nn, radius, n_threads, progress
+        As in :func:`estimate_normals`.
+
+    Returns
+    -------
+    SurfaceEstimate
+
+    Raises
+    ------
+    ValueError
+        `points` has fewer than 4 rows, or they are all equal, on one line, or (without `trim`) in
+        one plane; `voxel_size` asks for more than a million cubes along one side.
+    """
+    threads = _threads(n_threads)
+    clock = _Clock(progress)
+    if trim is None and _rank(points) < 3:
+        raise ValueError("points lie in one plane and enclose nothing: give trim to get a sheet")
+    learned = _learn(points, normals, max_nn, radius, None, None, threads, clock)
+    estimate = _infer(learned, threads, clock)
+    rules = learned.rules
+
+    with clock.stage("field"):
+        implicit = Field(rules, threads)
+        size = choose_voxel_size(learned.points, estimate.spacing, rules, depth, voxel_size)
+    with clock.stage("surface"):
+        inliers = learned.points[learned.inliers]
+        facing, _, residual = infer_normals(rules, inliers, threads)
+        seeds = inliers - residual[:, None] * facing
+        vertices, triangles = extract(implicit, seeds, size)
+        confidence = implicit(vertices)[1]
+        vertices, triangles, confidence = keep_supported(vertices, triangles, confidence, trim)
+        if not len(triangles):
+            raise ValueError("points define no surface: every triangle was below trim")
+    with clock.stage("attributes"):
+        vertex_normals = infer_normals(rules, vertices, threads)[0]
+        weights = attribute_weights(vertices, points - learned.middle, size, threads)
+    clock.finish()
+    return SurfaceEstimate(
+        vertices=vertices + learned.middle,
+        triangles=triangles,
+        vertex_normals=vertex_normals,
+        confidence=confidence,
+        source_weights=weights,
+        normals=estimate,
+        offset_points=0,
+        voxel_size=size,
+        seconds=clock.seconds,
+        watertight=metrics.is_closed(triangles),
+    )
+
+
+def _learn(
+    points: Array,
+    normals: Array | None,
+    max_nn: int | None,
+    radius: float | None,
+    viewpoint: Array | None,
+    towards: Array | None,
+    threads: int,
+    clock: _Clock,
+) -> _Learned:
+    """Stages 1 to 5: from points to oriented rules."""
+    if len(points) < 4:
+        raise ValueError(f"points: at least 4 rows expected, got {len(points)}")
+    if _rank(points) < 2:
+        raise ValueError("points are all equal or lie on one line: no surface goes through them")
+    with clock.stage("cells"):
+        middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+        order, inverse = sort_unique(points)
+        x = np.ascontiguousarray(points[order] - middle)
+    with clock.stage("scale"):
+        inliers = ~find_outliers(x, KdTree(x, threads), threads)
+        clean = np.ascontiguousarray(x[inliers])
+        tree = KdTree(clean, threads)
+        scale = choose_scale(clean, tree, max_nn, radius, threads)
+    with clock.stage("typical data"):
+        centers = typical_data(clean, scale, threads)
+        pilot = scale.at(centers, threads)
+    with clock.stage("rules"):
+        size, noise = scale.n_neighbors[pilot], scale.noise[pilot]
+        rules = fit_rules(clean, tree, centers, size, noise, threads)
+    with clock.stage("orientation"):
+        warnings: tuple[str, ...] = ()
+        if normals is not None:
+            nearest = KdTree(x, threads).query(rules.feet, 1, np.inf, threads)[1][:, 0]
+            rules = rules.facing(normals[order][nearest])
+        else:
+            rules, warnings = orient(rules, threads)
+            rules = face(rules, viewpoint, towards, middle, threads)
+    with clock.stage("rules"):
+        sides, _, residual = infer_normals(rules, clean, threads)
+        centers, size, noise = grow(rules, clean, tree, residual, threads)
+        side = infer_normals(rules, centers, threads)[0]
+        rules = fit_rules(
+            clean,
+            tree,
+            np.concatenate([rules.centers, centers]),
+            np.concatenate([rules.n_neighbors, size]),
+            np.concatenate([rules.noise, noise]),
+            threads,
+            normals=sides,
+            sides=np.concatenate([rules.normals, side]),
+            confidence=np.concatenate([rules.confidence, np.ones(len(centers))]),
+        )
+    return _Learned(x, inverse, tree, scale, inliers, rules, middle, warnings)
+
+
+def _infer(learned: _Learned, threads: int, clock: _Clock) -> NormalEstimate:
+    """Stage 6: a normal at every point, outliers and duplicates included."""
+    with clock.stage("inference"):
+        rules = learned.rules
+        normals, agreement, _ = infer_normals(rules, learned.points, threads)
+        nearest = KdTree(rules.feet, threads).query(learned.points, 1, np.inf, threads)[1][:, 0]
+        confidence = agreement * rules.confidence[nearest]
+        noise = rules.noise[nearest]
+    back = learned.inverse
+    return NormalEstimate(
+        normals=normals[back],
+        confidence=confidence[back],
+        outliers=~learned.inliers[back],
+        noise=noise[back],
+        noise_level=float(np.median(learned.scale.noise)),
+        spacing=float(np.median(learned.scale.spacing)),
+        seconds=dict(clock.seconds),
+        rules=replace(rules, centers=rules.centers + learned.middle),
+        warnings=learned.warnings,
+    )
+
+
+def _threads(n_threads: int) -> int:
+    """Return how many threads to start."""
+    if n_threads > 0:
+        return n_threads
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _rank(points: Array) -> int:
+    """Dimension of the affine space that the points span."""
+    if len(points) == 0:
+        return 0
+    centred = points - points.mean(axis=0)
+    size = float(np.abs(centred).max())
+    rounding = 8.0 * np.finfo(np.float64).eps * float(np.abs(points).max())
+    if size <= rounding:
+        return 0
+    spread = np.linalg.svd(centred / size, compute_uv=False) / np.sqrt(len(points))
+    return int((spread > max(1e-9, rounding / size)).sum())

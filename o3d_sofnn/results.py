@@ -1,0 +1,87 @@
+"""What the pipeline returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import NDArray
+
+from .rules import RuleBase
+
+
+@dataclass(frozen=True)
+class NormalEstimate:
+    """Oriented normals and what was learned on the way.
+
+    Attributes
+    ----------
+    normals : (n, 3) float64
+        Unit, outward, one a point in the order of the input.
+    confidence : (n,) float64
+        Confidence in the side of each normal, 0 to 1.
+    outliers : (n,) bool
+        Points that took no part in the fits.
+    noise : (n,) float64
+        Standard deviation of the points about the surface around each point, in their unit.
+    noise_level : float
+        Median of ``noise``.
+    spacing : float
+        Edge of the square of surface that one point covers, median, in the unit of the points.
+    seconds : dict of str to float
+        Time of each stage.
+    rules : RuleBase
+        The rule base, in the coordinates of the points.
+    warnings : tuple of str
+        What a user should look at.
+    """
+
+    normals: NDArray[np.float64]
+    confidence: NDArray[np.float64]
+    outliers: NDArray[np.bool_]
+    noise: NDArray[np.float64]
+    noise_level: float
+    spacing: float
+    seconds: dict[str, float]
+    rules: RuleBase
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class SurfaceEstimate:
+    """A triangle mesh and what was learned on the way.
+
+    Attributes
+    ----------
+    vertices : (m, 3) float64
+    triangles : (f, 3) int32
+        Counter-clockwise as seen from outside.
+    vertex_normals : (m, 3) float64
+        Unit.
+    confidence : (m,) float64
+        1 where the data supports the surface, 0 where it only closes a hole.
+    source_weights : scipy.sparse.csr_matrix, (m, n)
+        Rows sum to one: ``source_weights @ colors`` carries any attribute of the points over.
+    normals : NormalEstimate
+        Of the points.
+    offset_points : int
+        Offset points that the local implicits used.
+    voxel_size : float
+        Edge of a cube of the extraction grid, in the unit of the points.
+    seconds : dict of str to float
+        Time of each stage, those of the normals included.
+    watertight : bool
+        Whether every edge has two triangles.
+    """
+
+    vertices: NDArray[np.float64]
+    triangles: NDArray[np.int32]
+    vertex_normals: NDArray[np.float64]
+    confidence: NDArray[np.float64]
+    source_weights: scipy.sparse.csr_matrix
+    normals: NormalEstimate
+    offset_points: int
+    voxel_size: float
+    seconds: dict[str, float]
+    watertight: bool

@@ -1,0 +1,290 @@
+"""Stages 3 and 4: the rule base. Typical data, one local fit each, growth where the fits fail."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _kernels
+from .local_fit import Scale
+from .octree import build_octree
+
+LEAF = 32
+"""Points in an octree leaf, the piece of data that one fuzzy c-means run sees."""
+RULES_PER_NEIGHBORHOOD = 8.0
+"""Rules whose centres lie in the neighbourhood of one fit: how far neighbouring fits overlap."""
+NOISE_TOLERANCE = 1.0
+"""Width of the membership in the residual, over the noise level."""
+SHAPE_TOLERANCE = 0.02
+"""The same over the radius of the fit: what a quadric leaves of a clean shape."""
+GROWTH_ERROR = 3.0
+"""System error, over the tolerance, above which a new rule is considered (section 3.2)."""
+GROWTH_WIDTH = 1.1
+"""Factor k of eq. (10)."""
+
+
+@dataclass(frozen=True)
+class RuleBase:
+    """Rules: an elliptical region of space each, with a quadric as its consequent.
+
+    In the frame of rule ``j`` with lengths over its radius, the surface is
+    ``h = c0 + c1 u + c2 v + c3 u^2 + c4 u v + c5 v^2``.
+
+    Attributes
+    ----------
+    centers : (r, 3) float64
+        Origins of the frames, in the unit of the points.
+    frames : (r, 3, 3) float64
+        Rows: two tangents and the normal of the fitted plane.
+    coefficients : (r, 6) float64
+        Consequent quadric, dimensionless.
+    radius : (r,) float64
+        Radius of the fitted neighbourhood; the tangential width is half of it.
+    residual : (r,) float64
+        Root-mean-square residual of the fit.
+    noise : (r,) float64
+        Noise level of the region.
+    n_neighbors : (r,) int64
+        Points that the fit saw.
+    confidence : (r,) float64
+        Confidence in the side that the normal faces, 0 to 1.
+    """
+
+    centers: NDArray[np.float64]
+    frames: NDArray[np.float64]
+    coefficients: NDArray[np.float64]
+    radius: NDArray[np.float64]
+    residual: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    n_neighbors: NDArray[np.int64]
+    confidence: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        """Return the number of rules."""
+        return len(self.centers)
+
+    @property
+    def feet(self) -> NDArray[np.float64]:
+        """Centres moved onto their quadrics, (r, 3)."""
+        height = self.radius * self.coefficients[:, 0]
+        return self.centers + height[:, None] * self.frames[:, 2]
+
+    @property
+    def normals(self) -> NDArray[np.float64]:
+        """Unit normals of the quadrics at the feet, (r, 3)."""
+        c = self.coefficients
+        n = self.frames[:, 2] - c[:, 1:2] * self.frames[:, 0] - c[:, 2:3] * self.frames[:, 1]
+        return np.asarray(n / np.linalg.norm(n, axis=1, keepdims=True))
+
+    @property
+    def curvatures(self) -> NDArray[np.float64]:
+        """Principal curvatures at the feet, (r, 2), smaller first, positive where convex."""
+        c = self.coefficients / self.radius[:, None]
+        mean = -(c[:, 3] + c[:, 5])
+        spread = np.hypot(c[:, 3] - c[:, 5], c[:, 4])
+        return np.stack([mean - spread, mean + spread], axis=1)
+
+    @property
+    def areas(self) -> NDArray[np.float64]:
+        """Area of surface that each rule stands for, (r,)."""
+        return np.asarray(np.pi * (self.radius / 1.1) ** 2 / RULES_PER_NEIGHBORHOOD)
+
+    @property
+    def tolerance(self) -> NDArray[np.float64]:
+        """Width of the membership in the residual, (r,), in the unit of the points."""
+        return np.maximum(NOISE_TOLERANCE * self.noise, SHAPE_TOLERANCE * self.radius)
+
+    @property
+    def quality(self) -> NDArray[np.float64]:
+        """Weight of each rule in the inference: low where the quadric does not fit, (r,)."""
+        return np.asarray(np.exp(-0.5 * np.minimum(self.residual / self.tolerance, 30.0) ** 2))
+
+    def facing(self, side: NDArray[np.float64]) -> RuleBase:
+        """Turn every rule whose normal has a negative product with its row of `side`."""
+        sign = np.where(np.einsum("rd,rd->r", self.normals, side) < 0, -1.0, 1.0)
+        frames = self.frames * np.stack([np.ones_like(sign), sign, sign], axis=1)[:, :, None]
+        flip = np.array([-1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+        coefficients = np.where(sign[:, None] < 0, self.coefficients * flip, self.coefficients)
+        return replace(self, frames=frames, coefficients=coefficients)
+
+    def joined(self, other: RuleBase) -> RuleBase:
+        """Both rule bases, this one first."""
+        return RuleBase(
+            *(np.concatenate([vars(self)[name], vars(other)[name]]) for name in vars(self))
+        )
+
+
+def typical_data(points: NDArray[np.float64], scale: Scale, n_threads: int) -> NDArray[np.float64]:
+    """Draw the typical data of the cloud: fuzzy c-means in every octree leaf (section 3.1).
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        Distinct points.
+    scale : Scale
+        Its neighbourhood size says how many points one typical datum stands for.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    (c, 3) float64
+        Cluster centres, c << n where there is noise.
+    """
+    tree = build_octree(points, LEAF)
+    count = np.diff(tree.offsets)
+    middle = tree.points[(tree.offsets[:-1] + tree.offsets[1:]) // 2]
+    neighbors = scale.n_neighbors[scale.at(middle, n_threads)]
+    clusters = np.clip(np.rint(count * RULES_PER_NEIGHBORHOOD / neighbors), 1, count)
+    return np.asarray(
+        _kernels.typical_data(
+            tree.points, tree.offsets, clusters.astype(np.int64), 8, 1e-2, n_threads
+        )
+    )
+
+
+def fit_rules(
+    points: NDArray[np.float64],
+    tree: _kernels.KdTree,
+    centers: NDArray[np.float64],
+    n_neighbors: NDArray[np.int64],
+    noise: NDArray[np.float64],
+    n_threads: int,
+    *,
+    normals: NDArray[np.float64] | None = None,
+    sides: NDArray[np.float64] | None = None,
+    confidence: NDArray[np.float64] | None = None,
+) -> RuleBase:
+    """Fit one quadric around each centre (Algorithm 1, steps 3 and 5).
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        Distinct points.
+    tree : KdTree
+        Over `points`.
+    centers : (r, 3) float64
+        Where the fits are made.
+    n_neighbors : (r,) int64
+        Points in each fit.
+    noise : (r,) float64
+        Noise level at each centre.
+    n_threads : int
+        Threads.
+    normals, sides : (n, 3) and (r, 3) float64, optional
+        Oriented normals of the points and of the rules. With them a point enters a fit by the
+        square of the cosine between its normal and the rule's, and not at all when it faces the
+        other way: the two sides of a thin sheet and the two faces of an edge are kept apart.
+    confidence : (r,) float64, optional
+        Of the sides, kept with the rules; 1 when not given.
+
+    Returns
+    -------
+    RuleBase
+    """
+    robust = ROBUST * noise if normals is not None else np.zeros(len(centers))
+    _, frames, coefficients, info = _kernels.fit_rules(
+        tree, points, centers, n_neighbors, robust, 3, normals, sides, n_threads
+    )
+    rules = RuleBase(
+        centers,
+        np.asarray(frames),
+        np.asarray(coefficients),
+        np.maximum(info[:, 2], 1e-300),
+        np.asarray(info[:, 0]),
+        noise,
+        n_neighbors,
+        np.ones(len(centers)) if confidence is None else confidence,
+    )
+    return rules if sides is None else rules.facing(sides)
+
+
+ROBUST = 2.0
+"""Width of the residual weight in the second fit, over the noise level."""
+
+
+def infer_normals(
+    rules: RuleBase, x: NDArray[np.float64], n_threads: int, *, k: int = 12
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Infer a normal at every point, eq. (7) and (9).
+
+    The membership of a point in a rule is the product of a Gaussian in the tangent plane, a
+    Gaussian in the residual to the quadric, and the rule's quality, so that a point takes its
+    normal from the face of an edge or the side of a sheet it lies on.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Oriented rules.
+    x : (n, 3) float64
+        Where the normal is wanted.
+    n_threads : int
+        Threads.
+    k : int, default 12
+        Nearest rules that take part.
+
+    Returns
+    -------
+    normals : (n, 3) float64
+        Unit normals.
+    agreement : (n,) float64
+        Length of the mean normal of the rules that took part, 0 to 1.
+    residual : (n,) float64
+        Signed distance to the quadric of the rule with the largest membership.
+    """
+    tree = _kernels.KdTree(rules.centers, n_threads)
+    normals, info = _kernels.infer_normals(
+        tree,
+        x,
+        rules.centers,
+        np.ascontiguousarray(rules.frames),
+        np.ascontiguousarray(rules.coefficients),
+        rules.radius,
+        rules.tolerance,
+        rules.quality,
+        min(k, len(rules)),
+        n_threads,
+    )
+    return np.asarray(normals), np.asarray(info[:, 0]), np.asarray(info[:, 1])
+
+
+def grow(
+    rules: RuleBase,
+    points: NDArray[np.float64],
+    tree: _kernels.KdTree,
+    residual: NDArray[np.float64],
+    n_threads: int,
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+    """Find where new rules are needed (section 3.2, generation of neurons).
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Rules so far.
+    points : (n, 3) float64
+        Distinct points.
+    tree : KdTree
+        Over `points`.
+    residual : (n,) float64
+        System error of each point.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    centers, n_neighbors, noise
+        Arguments for :func:`fit_rules`, for the new rules alone.
+    """
+    rule_tree = _kernels.KdTree(rules.centers, n_threads)
+    d_min, nearest = rule_tree.query(points, 1, np.inf, n_threads)
+    d_min, nearest = d_min[:, 0], nearest[:, 0]
+    spacing = rules.radius[nearest] * np.sqrt(np.pi / rules.n_neighbors[nearest]) / 1.1
+    missing = (np.abs(residual) > GROWTH_ERROR * rules.tolerance[nearest]) & (d_min > 0.5 * spacing)
+    place = np.flatnonzero(missing)[::2]  # Morton order: every second one of a group
+    width = GROWTH_WIDTH * d_min[place]  # Eq. (10)
+    share = (2.0 * width / rules.radius[nearest[place]]) ** 2
+    size = np.clip(np.rint(rules.n_neighbors[nearest[place]] * share), 8, None)
+    size = np.minimum(size.astype(np.int64), rules.n_neighbors[nearest[place]])
+    return points[place], np.maximum(size, min(8, tree.size)), rules.noise[nearest[place]]

@@ -1,0 +1,219 @@
+"""Stage 9: sparse isosurface. Cubes that hold data, and those the surface leads to, until it closes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import scipy.sparse
+import scipy.sparse.csgraph
+from numpy.typing import NDArray
+
+from ._kernels import KdTree
+from .marching_cubes import CORNERS, marching_cubes
+from .rules import RuleBase
+
+Evaluate = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
+
+MARGIN = 8
+"""Cubes between the data and the wall of the domain, outside of which there is no inside."""
+NUDGE = 0.02
+"""Least distance of the surface from a node, over the edge of a cube: no slivers, no zeros."""
+
+
+class SparseGrid:
+    """Nodes and cubes of a regular grid, named by integer keys.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        What the grid has to hold.
+    size : float
+        Edge of a cube, in the unit of the points.
+    """
+
+    def __init__(self, points: NDArray[np.float64], size: float) -> None:
+        self.size = size
+        self.origin = points.min(axis=0) - (MARGIN + 0.5) * size
+        extent = points.max(axis=0) - self.origin
+        self.shape = np.ceil(extent / size).astype(np.int64) + MARGIN + 2
+        if not np.all(self.shape < 2**20):
+            raise ValueError(f"voxel_size is too small: {self.shape.max()} cubes along one axis")
+        self.steps = np.array([1, self.shape[0], self.shape[0] * self.shape[1]], np.int64)
+
+    def cubes_at(self, x: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Keys of the cubes that hold the rows of `x`, sorted."""
+        index = np.clip(((x - self.origin) / self.size).astype(np.int64), 1, self.shape - 3)
+        return np.unique(index @ self.steps)
+
+    def split(self, keys: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Integer coordinates of keys, (m, 3)."""
+        x = keys % self.shape[0]
+        y = keys // self.shape[0] % self.shape[1]
+        return np.stack([x, y, keys // self.steps[2]], axis=1)
+
+    def positions(self, keys: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Places of nodes, (m, 3)."""
+        return np.asarray(self.origin + self.size * self.split(keys))
+
+    def on_wall(self, keys: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Whether nodes lie on the wall of the domain."""
+        index = self.split(keys)
+        return np.asarray(((index <= 1) | (index >= self.shape - 2)).any(axis=1))
+
+
+def extract(
+    evaluate: Evaluate, seeds: NDArray[np.float64], size: float
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Triangulate the zero set of a function through the cubes around some seeds.
+
+    Starting from the cubes that hold seeds, every cube across a face with a change of sign is
+    added, until there is none left: the surface is closed, and pieces without data are never met.
+
+    Parameters
+    ----------
+    evaluate : callable
+        (m, 3) places to (m,) values, negative inside, and (m,) support.
+    seeds : (n, 3) float64
+        Points near the surface.
+    size : float
+        Edge of a cube.
+
+    Returns
+    -------
+    vertices : (v, 3) float64
+    triangles : (t, 3) int32
+        A closed manifold, outward.
+    """
+    grid = SparseGrid(seeds, size)
+    corner_steps = CORNERS @ grid.steps
+    cubes = np.empty(0, np.int64)
+    nodes, values = np.empty(0, np.int64), np.empty(0)
+    fresh = grid.cubes_at(seeds)
+    while len(fresh):
+        corners = fresh[:, None] + corner_steps
+        wanted = np.setdiff1d(corners, nodes)
+        found, _ = evaluate(grid.positions(wanted))
+        found = np.where(grid.on_wall(wanted), np.maximum(found, size), found)
+        found = np.where(
+            found < 0, np.minimum(found, -NUDGE * size), np.maximum(found, NUDGE * size)
+        )
+        place = np.searchsorted(nodes, wanted)
+        nodes, values = np.insert(nodes, place, wanted), np.insert(values, place, found)
+        cubes = np.union1d(cubes, fresh)
+        inside = values[np.searchsorted(nodes, corners)] < 0
+        neighbors = []
+        for axis in range(3):
+            for side in (0, 1):
+                face = inside[:, CORNERS[:, axis] == side]
+                crossed = face.any(axis=1) & ~face.all(axis=1)
+                neighbors.append(fresh[crossed] + (2 * side - 1) * grid.steps[axis])
+        fresh = np.setdiff1d(np.concatenate(neighbors), cubes)
+    index = np.searchsorted(nodes, cubes[:, None] + corner_steps)
+    return marching_cubes(values, grid.positions(nodes), index)
+
+
+def choose_voxel_size(
+    points: NDArray[np.float64],
+    spacing: float,
+    rules: RuleBase,
+    depth: int | None,
+    voxel_size: float | None,
+) -> float:
+    """Edge of a cube: what the user wants, or what spacing and noise support.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        The cloud.
+    spacing : float
+        Edge of the square that one point covers.
+    rules : RuleBase
+        Rules; a quarter of their radius resolves their quadrics.
+    depth : int or None
+        Octree depth over the longest side.
+    voxel_size : float or None
+        Edge of a cube.
+
+    Returns
+    -------
+    float
+        In the unit of the points.
+    """
+    if voxel_size is not None:
+        return voxel_size
+    if depth is not None:
+        return float(np.ptp(points, axis=0).max()) / 2**depth
+    return max(0.75 * spacing, 0.25 * float(np.median(rules.radius)))
+
+
+def keep_supported(
+    vertices: NDArray[np.float64],
+    triangles: NDArray[np.int32],
+    confidence: NDArray[np.float64],
+    trim: float | None,
+) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+    """Drop closed pieces that hardly any data supports and, with `trim`, single triangles.
+
+    Parameters
+    ----------
+    vertices, triangles
+        A closed mesh.
+    confidence : (m,) float64
+        Support at the vertices.
+    trim : float or None
+        Least mean confidence of a triangle that stays.
+
+    Returns
+    -------
+    vertices, triangles, confidence
+        What stays.
+    """
+    if not len(triangles):
+        return vertices, triangles, confidence
+    edges = np.concatenate([triangles[:, :2], triangles[:, 1:]])
+    graph = scipy.sparse.coo_matrix(
+        (np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(len(vertices),) * 2
+    )
+    label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+    count = np.bincount(label)
+    supported = np.bincount(label, confidence > 0.3) / np.maximum(count, 1)
+    keep = (supported >= 0.25)[label[triangles[:, 0]]]
+    if trim is not None:
+        keep &= confidence[triangles].mean(axis=1) >= trim
+    triangles = triangles[keep]
+    used = np.unique(triangles)
+    number = np.zeros(len(vertices), np.int32)
+    number[used] = np.arange(len(used), dtype=np.int32)
+    return vertices[used], number[triangles], confidence[used]
+
+
+def attribute_weights(
+    vertices: NDArray[np.float64], points: NDArray[np.float64], size: float, n_threads: int
+) -> scipy.sparse.csr_matrix:
+    """Weights that carry attributes from points to vertices.
+
+    Parameters
+    ----------
+    vertices : (m, 3) float64
+        Where the attributes are wanted.
+    points : (n, 3) float64
+        Where they are known.
+    size : float
+        Distance over which a point counts.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    scipy.sparse.csr_matrix, (m, n)
+        Gaussian weights of the four nearest points; rows sum to one.
+    """
+    k = min(4, len(points))
+    distance, index = KdTree(points, n_threads).query(vertices, k, np.inf, n_threads)
+    weight = np.exp(-0.5 * (distance**2 - distance[:, :1] ** 2) / size**2)
+    weight /= weight.sum(axis=1, keepdims=True)
+    start = np.arange(0, len(vertices) * k + 1, k)
+    return scipy.sparse.csr_matrix(
+        (weight.ravel(), index.ravel(), start), shape=(len(vertices), len(points))
+    )
