@@ -8,8 +8,18 @@ from numpy.typing import NDArray
 from . import _kernels
 from .rules import RuleBase
 
-SUPPORTED = (0.02, 0.3)
-"""Support below which the far field speaks alone, and above which the local implicits do."""
+REACH = (0.75, 1.5)
+"""Distance from the data, over the spacing, up to which the local implicits speak alone, and from
+which on the winding number does."""
+
+
+CERTAIN = (0.3, 0.45)
+"""Distance of the winding number from its level up to which the local implicits are believed, and
+from which on not: whatever they say, such a place is inside or outside."""
+WIDTH = 0.75
+"""Smoothing width of the winding number, over the spacing."""
+NEAREST = 16
+"""Rules that take part in the blend at one place."""
 
 
 class Field:
@@ -19,27 +29,41 @@ class Field:
     ----------
     rules : RuleBase
         Oriented rules.
+    samples : (n, 3) float64
+        Points moved onto the surface.
+    normals : (n, 3) float64
+        Their normals.
+    spacing : (n,) float64
+        Local distance of neighbouring samples, not less than what the field shall resolve.
     n_threads : int
         Threads.
     """
 
-    def __init__(self, rules: RuleBase, n_threads: int) -> None:
+    def __init__(
+        self,
+        rules: RuleBase,
+        samples: NDArray[np.float64],
+        normals: NDArray[np.float64],
+        spacing: NDArray[np.float64],
+        n_threads: int,
+    ) -> None:
         self.rules = rules
+        self._samples = _kernels.KdTree(samples, n_threads)
+        self._spacing = spacing
         self.n_threads = n_threads
         self._tree = _kernels.KdTree(rules.centers, n_threads)
         self._frames = np.ascontiguousarray(rules.frames)
         self._coefficients = np.ascontiguousarray(rules.coefficients)
-        feet = rules.feet
-        weight = cell_areas(feet, rules.normals, n_threads)
-        self._dipoles = weight[:, None] * rules.normals
-        self._far_tree = _kernels.WindingTree(feet, weight)
-        self._width = float(np.median(rules.radius))
+        weight = cell_areas(samples, n_threads)
+        self._dipoles = weight[:, None] * normals
+        self._far_tree = _kernels.WindingTree(samples, weight)
+        self._width = float(np.median(spacing))
         # As in Poisson reconstruction the level is the mean over the samples: 1/2 on closed data.
-        self.level = float(np.average(self.winding_number(feet), weights=weight))
+        self.level = float(np.average(self.winding_number(samples), weights=weight))
 
     def winding_number(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Winding number of the oriented rules at `x`, (m,)."""
-        width = np.full(len(x), 0.5 * self._width)
+        width = np.full(len(x), WIDTH * self._width)
         return np.asarray(
             self._far_tree.evaluate(self._dipoles, None, x, width, 0.4, self.n_threads)[0]
         )
@@ -59,48 +83,52 @@ class Field:
         support : (m,) float64
             1 on the data, 0 far away from it.
         """
-        local, support = _kernels.evaluate_field(
+        distance, nearest = self._samples.query(x, 1, np.inf, self.n_threads)
+        share = fade(distance[:, 0] / self._spacing[nearest[:, 0]], *REACH)
+        excess = self.level - self.winding_number(x)
+        weight = share * fade(np.abs(excess), *CERTAIN)
+        far = self._width * excess
+        values = far.copy()
+        near = np.flatnonzero(weight > 0.0)
+        local = _kernels.evaluate_field(
             self._tree,
-            x,
+            np.ascontiguousarray(x[near]),
             self.rules.centers,
             self._frames,
             self._coefficients,
             self.rules.radius,
             self.rules.tolerance,
             self.rules.quality,
-            min(12, len(self.rules)),
+            min(NEAREST, len(self.rules)),
             self.n_threads,
-        ).T
-        low, high = SUPPORTED
-        share = np.clip((support - low) / (high - low), 0.0, 1.0)
-        share = share * share * (3.0 - 2.0 * share)
-        values = np.array(local)
-        far = np.flatnonzero(share < 1.0)
-        if len(far):
-            distance = self._width * (
-                self.level - self.winding_number(np.ascontiguousarray(x[far]))
-            )
-            values[far] = share[far] * local[far] + (1.0 - share[far]) * distance
-        return values, np.asarray(support)
+        )
+        agree = local * far[near] > 0.0
+        blend = weight[near] * local + (1.0 - weight[near]) * far[near]
+        values[near] = np.where(agree, local, blend)
+        return values, share
 
 
-def cell_areas(
-    feet: NDArray[np.float64], normals: NDArray[np.float64], n_threads: int
-) -> NDArray[np.float64]:
-    """Area of surface around each rule, from the distance of its neighbours on the same sheet.
+def fade(x: NDArray[np.float64], low: float, high: float) -> NDArray[np.float64]:
+    """Smooth step from 1 at `low` to 0 at `high`."""
+    t = np.clip((high - x) / (high - low), 0.0, 1.0)
+    return np.asarray(t * t * (3.0 - 2.0 * t))
+
+
+def cell_areas(x: NDArray[np.float64], n_threads: int) -> NDArray[np.float64]:
+    """Area of surface around each sample, from the distance of its neighbours.
 
     Parameters
     ----------
-    feet, normals : (r, 3) float64
-        Positions and unit normals.
+    x : (n, 3) float64
+        Samples.
     n_threads : int
         Threads.
 
     Returns
     -------
-    (r,) float64
+    (n,) float64
         ``pi r_k^2 / k`` with the k nearest.
     """
-    k = min(9, len(feet))
-    distance, _ = _kernels.KdTree(feet, n_threads).query(feet, k, np.inf, n_threads)
+    k = min(9, len(x))
+    distance, _ = _kernels.KdTree(x, n_threads).query(x, k, np.inf, n_threads)
     return np.asarray(np.pi * distance[:, -1] ** 2 / max(k - 0.5, 1.0))

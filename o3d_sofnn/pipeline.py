@@ -170,15 +170,18 @@ def reconstruct_surface(
     rules = learned.rules
 
     with clock.stage("field"):
-        implicit = Field(rules, threads)
         size = choose_voxel_size(learned.points, estimate.spacing, rules, depth, voxel_size)
-    with clock.stage("surface"):
         inliers = learned.points[learned.inliers]
         facing, _, residual = infer_normals(rules, inliers, threads)
-        seeds = inliers - residual[:, None] * facing
-        vertices, triangles = extract(implicit, seeds, size)
+        samples = inliers - residual[:, None] * facing
+        spacing = np.maximum(learned.scale.spacing[learned.scale.at(inliers, threads)], size)
+        implicit = Field(rules, samples, facing, spacing, threads)
+    with clock.stage("surface"):
+        vertices, triangles = extract(implicit, samples, size)
         confidence = implicit(vertices)[1]
-        vertices, triangles, confidence = keep_supported(vertices, triangles, confidence, trim)
+        vertices, triangles, confidence = keep_supported(
+            vertices, triangles, confidence, samples, trim, threads
+        )
         if not len(triangles):
             raise ValueError("points define no surface: every triangle was below trim")
     with clock.stage("attributes"):

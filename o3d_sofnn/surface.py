@@ -17,6 +17,8 @@ Evaluate = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np
 
 MARGIN = 8
 """Cubes between the data and the wall of the domain, outside of which there is no inside."""
+SAMPLES = 16
+"""Fewest samples on a closed piece of surface that is kept."""
 NUDGE = 0.02
 """Least distance of the surface from a node, over the edge of a cube: no slivers, no zeros."""
 
@@ -151,9 +153,11 @@ def keep_supported(
     vertices: NDArray[np.float64],
     triangles: NDArray[np.int32],
     confidence: NDArray[np.float64],
+    samples: NDArray[np.float64],
     trim: float | None,
+    n_threads: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
-    """Drop closed pieces that hardly any data supports and, with `trim`, single triangles.
+    """Drop closed pieces that hardly any sample lies on and, with `trim`, single triangles.
 
     Parameters
     ----------
@@ -161,8 +165,12 @@ def keep_supported(
         A closed mesh.
     confidence : (m,) float64
         Support at the vertices.
+    samples : (n, 3) float64
+        Points moved onto the surface.
     trim : float or None
         Least mean confidence of a triangle that stays.
+    n_threads : int
+        Threads.
 
     Returns
     -------
@@ -176,9 +184,9 @@ def keep_supported(
         (np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(len(vertices),) * 2
     )
     label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
-    count = np.bincount(label)
-    supported = np.bincount(label, confidence > 0.3) / np.maximum(count, 1)
-    keep = (supported >= 0.25)[label[triangles[:, 0]]]
+    nearest = KdTree(vertices, n_threads).query(samples, 1, np.inf, n_threads)[1][:, 0]
+    count = np.bincount(label[nearest], minlength=int(label.max()) + 1)
+    keep = (count >= min(SAMPLES, int(count.max())))[label[triangles[:, 0]]]
     if trim is not None:
         keep &= confidence[triangles].mean(axis=1) >= trim
     triangles = triangles[keep]

@@ -120,16 +120,16 @@ NB_MODULE(_kernels, m) {
   m.def("evaluate_field",
         [](const KdTree& t, Points x, Points centers, Frames frames, Coefficients coef, Doubles radius, Doubles tolerance, Doubles confidence, int64_t k, int threads) {
           const size_t n = x.shape(0);
-          std::vector<double> value(2 * n);
+          std::vector<double> value(n);
           {
             nb::gil_scoped_release release;
             const RuleView rules{centers.data(), frames.data(), coef.data(), radius.data(), tolerance.data(), confidence.data()};
             parallel_for(n, 256, threads, [&](int64_t lo, int64_t hi) {
               InferenceScratch s;
-              for (int64_t i = lo; i < hi; ++i) evaluate_field(t, rules, load(x.data() + 3 * i), k, s, &value[2 * i]);
+              for (int64_t i = lo; i < hi; ++i) value[i] = evaluate_field(t, rules, load(x.data() + 3 * i), k, s);
             });
           }
-          return array(std::move(value), {n, 2});
+          return array(std::move(value), {n});
         },
         "tree"_a, "x"_a, "centers"_a, "frames"_a, "coefficients"_a, "radius"_a, "tolerance"_a, "confidence"_a, "k"_a, "n_threads"_a);
 

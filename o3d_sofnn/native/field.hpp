@@ -5,14 +5,34 @@
 
 namespace sofnn {
 
-// value[0]: blended distance; value[1]: support, the largest membership of x in a rule (1 on the data, 0 far away).
-inline void evaluate_field(const KdTree& tree, const RuleView& rules, Vec3 x, int64_t k, InferenceScratch& s,
-                           double* value) {
+// Rules whose normals differ by more than this cosine from the leading one belong to another sheet or face. The more
+// noise there is in the leading rule, the more its neighbours may differ for no reason but noise.
+inline double same_face(double relative_noise) { return std::min(std::max(0.9 - 5 * relative_noise, 0.2), 0.8); }
+constexpr int kFaces = 3;
+
+// A face counts when its best rule has at least this membership, relative to the best one (logarithm).
+constexpr double kFaint = -3;
+
+// Two faces meet in a convex edge when each lies behind the other: their solids intersect; else they unite.
+// All pairs of rules vote by their memberships.
+inline bool meet_convex(const InferenceScratch& s, int a, int b, double best) {
+  double vote = 0;
+  for (size_t i = 0; i < s.face.size(); ++i)
+    for (size_t j = 0; s.face[i] == a && j < s.face.size(); ++j)
+      if (s.face[j] == b) {
+        const Vec3 d = s.foot[j] - s.foot[i];
+        vote += std::exp(s.reach[i] + s.reach[j] - 2 * best) * (dot(d, s.normal[i]) - dot(d, s.normal[j]));
+      }
+  return vote < 0;
+}
+
+// Signed distance at x. The rules near x are gathered into at most three faces by their normals; each face blends
+// its local implicits by fuzzy basis functions, eq. (9), and faces combine as solids (Ohtake et al. 2003, sharp features).
+inline double evaluate_field(const KdTree& tree, const RuleView& rules, Vec3 x, int64_t k, InferenceScratch& s) {
   tree.nearest(x, k, 1e300, s.neighbors);
   const int64_t n = static_cast<int64_t>(s.neighbors.size());
-  s.log_weight.resize(n), s.normal.resize(n), s.height.resize(n);
-  double best = -1e300, support = 0;
-  int64_t leader = 0;
+  s.log_weight.resize(n), s.normal.resize(n), s.height.resize(n), s.face.assign(n, -1), s.reach.resize(n), s.foot.resize(n);
+  double nearest = -1e300;
   for (int64_t i = 0; i < n; ++i) {
     const int64_t j = s.neighbors[i].index;
     const double *f = rules.frames + 9 * j, *q = rules.coefficients + 6 * j, radius = rules.radius[j];
@@ -24,20 +44,36 @@ inline void evaluate_field(const KdTree& tree, const RuleView& rules, Vec3 x, in
     const double inv = 1 / std::sqrt(1 + qu * qu + qv * qv);
     const double r = (h - (q[0] + q[1] * u + q[2] * v + q[3] * u * u + q[4] * u * v + q[5] * v * v)) * inv;
     s.normal[i] = inv * (load(f + 6) - qu * load(f) - qv * load(f + 3));
+    s.foot[i] = load(rules.centers + 3 * j) + (radius * q[0]) * load(f + 6);
     s.height[i] = r * radius;
-    const double tolerance = std::max(rules.tolerance[j] / radius, 0.35), z = r / tolerance;
-    const double membership = -2 * sq - 0.5 * z * z;
-    support = std::max(support, std::exp(membership));
-    s.log_weight[i] = membership + std::log(std::max(rules.confidence[j], 1e-6));
-    if (s.log_weight[i] > best) best = s.log_weight[i], leader = i;
+    s.reach[i] = -2 * sq + std::log(std::max(rules.confidence[j], 1e-300));
+    nearest = std::max(nearest, s.reach[i]);
+    const double z = r / std::max(rules.tolerance[j] / radius, 0.35);
+    s.log_weight[i] = s.reach[i] - 0.5 * z * z;
   }
-  (void)leader;
-  double sum = 0, total = 0;
-  for (int64_t i = 0; i < n; ++i) {
-    const double w = std::exp(s.log_weight[i] - best);
-    sum += w * s.height[i], total += w;
+  double value = 0;
+  for (int face = 0; face < kFaces; ++face) {
+    int64_t best = -1;
+    for (int64_t i = 0; i < n; ++i)
+      if (s.face[i] < 0 && (face == 0 || s.reach[i] > nearest + kFaint) && (best < 0 || s.log_weight[i] > s.log_weight[best]))
+        best = i;
+    if (best < 0) break;
+    double sum = 0, total = 0;
+    const int64_t rule = s.neighbors[best].index;
+    const double same = same_face(rules.tolerance[rule] / rules.radius[rule]);
+    for (int64_t i = 0; i < n; ++i) {
+      if (s.face[i] >= 0 || dot(s.normal[i], s.normal[best]) < same) continue;
+      const double w = std::exp(s.log_weight[i] - s.log_weight[best]);
+      sum += w * s.height[i], total += w;
+      s.face[i] = face;
+    }
+    const double height = sum / total;
+    if (face == 0)
+      value = height;
+    else
+      value = meet_convex(s, 0, face, nearest) ? std::max(value, height) : std::min(value, height);
   }
-  value[0] = sum / std::max(total, 1e-300), value[1] = support;
+  return value;
 }
 
 }  // namespace sofnn

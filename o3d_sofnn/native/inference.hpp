@@ -11,7 +11,9 @@ struct RuleView {
 
 struct InferenceScratch {
   std::vector<Neighbor> neighbors;
-  std::vector<double> log_weight, height;
+  std::vector<double> log_weight, height, reach;
+  std::vector<int> face;
+  std::vector<Vec3> foot;
   std::vector<Vec3> normal;
 };
 

@@ -1,0 +1,59 @@
+# make demo, make test: what they need from PyPI goes into .venv, nothing else is touched.
+# make system: what they need from Debian or Ubuntu, as root.
+# make ext: the native module beside its sources, for work on the package without installing it.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+# What the wheel is built from: a change here, and only here, means installing again.
+SOURCES := pyproject.toml CMakeLists.txt README.md LICENSE \
+	$(shell find o3d_sofnn filters/meshlab_sofnn -type f \
+		\( -name '*.py' -o -name '*.pyi' -o -name '*.typed' -o -name '*.[ch]pp' \) 2>/dev/null)
+
+.PHONY: help system demo test lint ext clean
+
+help:
+	@echo "make system  install the system packages (Debian, Ubuntu; as root)"
+	@echo "make demo    reconstruct real scans, write meshes and pictures"
+	@echo "make test    lint, types, tests of the installed wheel"
+	@echo "make ext     build the native module in place"
+	@echo "make clean   remove the environment, builds and caches"
+
+system:
+	apt-get update -qq
+	DEBIAN_FRONTEND=noninteractive apt-get install -qq -y g++ python3-venv libusb-1.0-0 libgl1 libgomp1
+
+demo: $(VENV)/.demo
+	$(BIN)/python demos/quickstart.py
+
+# Tests take the installed package: pytest does not put the source tree on the path.
+test: lint
+	env -u PYTHONPATH $(BIN)/pytest
+
+lint: $(VENV)/.test
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	env -u PYTHONPATH $(BIN)/mypy
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade pip
+
+$(VENV)/.demo: $(SOURCES) | $(BIN)/python
+	$(BIN)/python -m pip install --quiet '.[open3d,demos]'
+	touch $@
+
+$(VENV)/.test: $(SOURCES) | $(BIN)/python
+	$(BIN)/python -m pip install --quiet '.[test]'
+	touch $@
+
+ext:
+	rm -rf build/ext
+	$(PYTHON) -m pip wheel --quiet --no-deps --wheel-dir build/ext .
+	cd build/ext && $(PYTHON) -m zipfile -e *.whl unpacked
+	cp build/ext/unpacked/o3d_sofnn/_kernels*.so o3d_sofnn/
+
+clean:
+	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -prune -exec rm -rf {} +

@@ -1,0 +1,61 @@
+"""Oriented normals and watertight meshes from raw point clouds.
+
+The method is the self-organized fuzzy neural network (SOFNN) of "A Novel Self-Organized Fuzzy
+Neural Network Surface Reconstruction Algorithm for Point Clouds Without Normal".
+
+Names are loaded on first use, so that ``import o3d_sofnn`` costs next to nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from o3d_sofnn.clustering import fuzzy_c_means
+    from o3d_sofnn.network import SOFNN
+    from o3d_sofnn.operators import (
+        NormalDetails,
+        SurfaceDetails,
+        estimate_normals,
+        reconstruct_surface,
+    )
+
+    __version__: str
+
+__all__ = [
+    "SOFNN",
+    "NormalDetails",
+    "SurfaceDetails",
+    "__version__",
+    "estimate_normals",
+    "fuzzy_c_means",
+    "reconstruct_surface",
+]
+
+_HOME = {
+    "SOFNN": "o3d_sofnn.network",
+    "NormalDetails": "o3d_sofnn.operators",
+    "SurfaceDetails": "o3d_sofnn.operators",
+    "estimate_normals": "o3d_sofnn.operators",
+    "fuzzy_c_means": "o3d_sofnn.clustering",
+    "reconstruct_surface": "o3d_sofnn.operators",
+}
+
+
+def __getattr__(name: str) -> Any:
+    value: Any
+    if name == "__version__":
+        from importlib.metadata import version
+
+        value = version("o3d_sofnn")
+    elif name in _HOME:
+        value = getattr(importlib.import_module(_HOME[name]), name)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,0 +1,290 @@
+"""The only door to Open3D: legacy and tensor clouds to float64 arrays and back.
+
+Open3D is imported inside the functions: it takes seconds, and any of its flavours (``open3d``,
+``open3d-cpu`` ...) serves, so the package does not depend on one of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from o3d_sofnn import validation
+
+
+@dataclass(frozen=True)
+class CloudArrays:
+    """A point cloud as arrays on the host, in the user's order.
+
+    Attributes
+    ----------
+    points : numpy.ndarray, shape (n, 3), float64
+        Coordinates; NaN and infinity as the user has them.
+    normals : numpy.ndarray, shape (n, 3), float64, or None
+        Normals, when the cloud has them.
+    attributes : dict of str to numpy.ndarray, shape (n, k)
+        Everything else that is stored per point ("colors" among them), in its own number type.
+    """
+
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64] | None = None
+    attributes: dict[str, NDArray[Any]] = field(default_factory=dict)
+
+
+def import_open3d() -> Any:
+    """Return the module ``open3d``.
+
+    Raises
+    ------
+    ImportError
+        Open3D is missing, or a system library that it needs; the message says what to type.
+    """
+    try:
+        import open3d
+    except ModuleNotFoundError as error:
+        raise ImportError(
+            "o3d_sofnn needs Open3D here; type: pip install open3d-cpu "
+            "(any other flavour of Open3D serves too)"
+        ) from error
+    except (ImportError, OSError) as error:
+        raise ImportError(
+            f"Open3D is installed but does not load ({error}); on Debian or Ubuntu type: "
+            "apt-get install libusb-1.0-0 libgl1 libgomp1"
+        ) from error
+    return open3d
+
+
+def read_cloud(pcd: Any) -> CloudArrays:
+    """Return the arrays of an Open3D point cloud; a cloud on a GPU is copied to the host.
+
+    Parameters
+    ----------
+    pcd : open3d.geometry.PointCloud or open3d.t.geometry.PointCloud
+        The cloud; not changed. The arrays of a legacy cloud may share its memory.
+
+    Returns
+    -------
+    CloudArrays
+        Coordinates and normals in float64.
+
+    Raises
+    ------
+    ValueError
+        ``pcd`` is no point cloud of Open3D.
+    """
+    if _is_tensor(pcd):
+        stored = {name: _to_host(pcd.point[name]) for name in pcd.point}
+        points = stored.pop("positions", np.zeros((0, 3)))
+        normals = stored.pop("normals", None)
+        return CloudArrays(
+            validation.check_array(points, "pcd"),
+            None if normals is None else validation.check_array(normals, "pcd.point.normals"),
+            stored,
+        )
+    points = validation.check_array(np.asarray(pcd.points), "pcd")
+    normals = None
+    if pcd.has_normals():
+        normals = validation.check_array(np.asarray(pcd.normals), "pcd.normals")
+    return CloudArrays(
+        points, normals, {"colors": np.asarray(pcd.colors)} if pcd.has_colors() else {}
+    )
+
+
+def write_normals(pcd: Any, normals: NDArray[np.float64]) -> None:
+    """Store ``normals`` in ``pcd``; everything else in it stays as it is.
+
+    Parameters
+    ----------
+    pcd : open3d.geometry.PointCloud or open3d.t.geometry.PointCloud
+        Changed in place. A tensor cloud gets the number type of its positions, on its device.
+    normals : numpy.ndarray, shape (n, 3)
+        One row per point.
+    """
+    o3d = import_open3d()
+    if _is_tensor(pcd):
+        values = normals.astype(_float_type(pcd))
+        pcd.point["normals"] = _to_device(o3d.core.Tensor(values), pcd.device)
+    else:
+        pcd.normals = o3d.utility.Vector3dVector(np.ascontiguousarray(normals))
+
+
+def make_mesh(
+    pcd: Any,
+    vertices: NDArray[np.float64],
+    triangles: NDArray[np.integer[Any]],
+    vertex_normals: NDArray[np.float64],
+    attributes: Mapping[str, NDArray[Any]],
+) -> Any:
+    """Return a triangle mesh of the family of ``pcd``.
+
+    Parameters
+    ----------
+    pcd : open3d.geometry.PointCloud or open3d.t.geometry.PointCloud
+        Decides the family and, for a tensor cloud, the number type and the device.
+    vertices : numpy.ndarray, shape (m, 3)
+        Coordinates, in the cloud's unit.
+    triangles : numpy.ndarray, shape (f, 3)
+        Vertex indices.
+    vertex_normals : numpy.ndarray, shape (m, 3)
+        Unit vectors.
+    attributes : mapping of str to numpy.ndarray, shape (m, k)
+        Further values per vertex; a legacy mesh can hold "colors" only.
+
+    Returns
+    -------
+    open3d.geometry.TriangleMesh or open3d.t.geometry.TriangleMesh
+        Owns its memory.
+    """
+    o3d = import_open3d()
+    if not _is_tensor(pcd):
+        mesh = o3d.geometry.TriangleMesh(
+            o3d.utility.Vector3dVector(np.ascontiguousarray(vertices)),
+            o3d.utility.Vector3iVector(np.ascontiguousarray(triangles, dtype=np.int32)),
+        )
+        mesh.vertex_normals = o3d.utility.Vector3dVector(np.ascontiguousarray(vertex_normals))
+        if "colors" in attributes:
+            mesh.vertex_colors = o3d.utility.Vector3dVector(attributes["colors"])
+        return mesh
+
+    def tensor(values: NDArray[Any]) -> Any:
+        return _to_device(o3d.core.Tensor(np.ascontiguousarray(values)), pcd.device)
+
+    kind = _float_type(pcd)
+    mesh = o3d.t.geometry.TriangleMesh(
+        tensor(vertices.astype(kind)), tensor(triangles.astype(np.int64))
+    )
+    mesh.vertex["normals"] = tensor(vertex_normals.astype(kind))
+    for name, values in attributes.items():
+        mesh.vertex[name] = tensor(values)
+    return mesh
+
+
+def make_cloud(arrays: CloudArrays) -> Any:
+    """Return a tensor point cloud on the CPU that holds ``arrays``."""
+    o3d = import_open3d()
+    cloud = o3d.t.geometry.PointCloud(o3d.core.Tensor(arrays.points))
+    if arrays.normals is not None:
+        cloud.point["normals"] = o3d.core.Tensor(arrays.normals)
+    for name, values in arrays.attributes.items():
+        cloud.point[name] = o3d.core.Tensor(np.ascontiguousarray(values))
+    return cloud
+
+
+def read_mesh(mesh: Any) -> tuple[CloudArrays, NDArray[np.int64]]:
+    """Return the vertices of an Open3D triangle mesh, with what they carry, and the triangles.
+
+    Parameters
+    ----------
+    mesh : open3d.geometry.TriangleMesh or open3d.t.geometry.TriangleMesh
+        Not changed.
+
+    Returns
+    -------
+    vertices : CloudArrays
+        Coordinates, normals and further values of the m vertices.
+    triangles : numpy.ndarray, shape (f, 3)
+        Vertex indices.
+
+    Raises
+    ------
+    ValueError
+        ``mesh`` is no triangle mesh of Open3D.
+    """
+    o3d = import_open3d()
+    if isinstance(mesh, o3d.t.geometry.TriangleMesh):
+        stored = {name: _to_host(mesh.vertex[name]) for name in mesh.vertex}
+        vertices = stored.pop("positions", np.zeros((0, 3)))
+        normals = stored.pop("normals", None)
+        has_triangles = "indices" in mesh.triangle
+        triangles = _to_host(mesh.triangle["indices"]) if has_triangles else np.zeros((0, 3))
+    elif isinstance(mesh, o3d.geometry.TriangleMesh):
+        vertices = np.asarray(mesh.vertices)
+        normals = np.asarray(mesh.vertex_normals) if mesh.has_vertex_normals() else None
+        stored = {"colors": np.asarray(mesh.vertex_colors)} if mesh.has_vertex_colors() else {}
+        triangles = np.asarray(mesh.triangles)
+    else:
+        raise ValueError(f"mesh: expected an Open3D TriangleMesh, got {type(mesh).__name__}")
+    if normals is not None:
+        normals = validation.check_array(normals, "mesh: vertex normals")
+    arrays = CloudArrays(validation.check_array(vertices, "mesh: vertices"), normals, stored)
+    return arrays, triangles.astype(np.int64)
+
+
+def read_search_param(search_param: Any) -> tuple[int | None, float | None]:
+    """Return ``(max_nn, radius)`` of a search parameter of Open3D; None is (None, None).
+
+    Parameters
+    ----------
+    search_param : open3d.geometry.KDTreeSearchParamKNN, ...Radius, ...Hybrid, or None
+        Largest neighbourhood of a local fit: a number of points, a radius in the cloud's unit,
+        or both.
+
+    Raises
+    ------
+    ValueError
+        ``search_param`` is something else, or its numbers are out of range.
+    """
+    if search_param is None:
+        return None, None
+    geometry = import_open3d().geometry
+    if isinstance(search_param, geometry.KDTreeSearchParamKNN):
+        max_nn, radius = search_param.knn, None
+    elif isinstance(search_param, geometry.KDTreeSearchParamRadius):
+        max_nn, radius = None, search_param.radius
+    elif isinstance(search_param, geometry.KDTreeSearchParamHybrid):
+        max_nn, radius = search_param.max_nn, search_param.radius
+    else:
+        raise ValueError(
+            "search_param: expected a KDTreeSearchParamKNN, KDTreeSearchParamRadius or "
+            f"KDTreeSearchParamHybrid, got {type(search_param).__name__}"
+        )
+    return (
+        validation.check_integer(max_nn, "search_param: max_nn", validation.MIN_NEIGHBORS),
+        validation.check_positive(radius, "search_param: radius"),
+    )
+
+
+def make_search_param(max_nn: int | None, radius: float | None) -> Any:
+    """Return the search parameter of Open3D for a number of points, a radius, or both."""
+    geometry = import_open3d().geometry
+    if max_nn is None and radius is None:
+        return None
+    # Open3D's classes would take a negative number for a huge one.
+    validation.check_integer(max_nn, "max_nn", validation.MIN_NEIGHBORS, 2**31 - 1)
+    validation.check_positive(radius, "radius")
+    if radius is None:
+        return geometry.KDTreeSearchParamKNN(max_nn)
+    if max_nn is None:
+        return geometry.KDTreeSearchParamRadius(radius)
+    return geometry.KDTreeSearchParamHybrid(radius, max_nn)
+
+
+def _is_tensor(pcd: Any) -> bool:
+    o3d = import_open3d()
+    if isinstance(pcd, o3d.t.geometry.PointCloud):
+        return True
+    if isinstance(pcd, o3d.geometry.PointCloud):
+        return False
+    raise ValueError(
+        "pcd: expected an open3d.geometry.PointCloud or open3d.t.geometry.PointCloud, "
+        f"got {type(pcd).__name__}"
+    )
+
+
+def _float_type(pcd: Any) -> type[np.floating[Any]]:
+    """Return the number type for coordinates that belong to the tensor cloud ``pcd``."""
+    single = import_open3d().core.float32
+    return np.float32 if pcd.point["positions"].dtype == single else np.float64
+
+
+def _to_host(tensor: Any) -> NDArray[Any]:
+    array: NDArray[Any] = tensor.cpu().numpy()
+    return array
+
+
+def _to_device(tensor: Any, device: Any) -> Any:
+    return tensor.to(device)

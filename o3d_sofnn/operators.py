@@ -1,0 +1,295 @@
+"""The two operators for Open3D users: oriented normals, and a watertight mesh.
+
+They adapt clouds and options; the stages of the method are in `o3d_sofnn.pipeline`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import logging
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import ArrayLike, NDArray
+
+from o3d_sofnn import adapters, pipeline, validation
+from o3d_sofnn.pipeline import NormalEstimate, SurfaceEstimate
+from o3d_sofnn.progress import ProgressBar, ProgressCallback
+
+_logger = logging.getLogger(__name__)
+
+NormalDetails = NormalEstimate
+SurfaceDetails = SurfaceEstimate
+
+# Deeper octrees than this need more cells than 32-bit indices can name.
+_MAX_DEPTH = 16
+
+
+def estimate_normals(
+    pcd: Any,
+    search_param: Any = None,
+    *,
+    viewpoint: ArrayLike | None = None,
+    towards: ArrayLike | None = None,
+    n_threads: int = -1,
+    print_progress: bool | ProgressCallback = False,
+    return_details: bool = False,
+) -> Any:
+    """Estimate outward, unit normals for all points of a cloud that has none.
+
+    Parameters
+    ----------
+    pcd : open3d.geometry.PointCloud or open3d.t.geometry.PointCloud
+        The cloud, in any unit. Its normals are written in place; nothing else in it changes.
+        Normals that it has are not looked at. A tensor cloud on a GPU is copied to the host, and
+        the normals back to its device.
+    search_param : open3d.geometry.KDTreeSearchParamKNN, ...Radius, ...Hybrid, optional
+        Largest neighbourhood of a local fit, in points, in the cloud's unit, or both. None finds
+        it from the data.
+    viewpoint : array_like, shape (3,), optional
+        Where the scanner stood, in the cloud's coordinates: normals face it.
+    towards : array_like, shape (3,), optional
+        A direction that the normals face as a whole, (0, 0, 1) for terrain. At most one of
+        ``viewpoint`` and ``towards``; with neither, normals face outward.
+    n_threads : int, default -1
+        -1 uses all cores. The result is the same for any number.
+    print_progress : bool or callable, default False
+        True draws a bar on the standard error stream; a callable gets (fraction, text).
+    return_details : bool, default False
+        Return the details too.
+
+    Returns
+    -------
+    pcd : open3d.geometry.PointCloud or open3d.t.geometry.PointCloud
+        The cloud that was given. Rows with NaN or infinity have the normal (0, 0, 0).
+    details : NormalDetails
+        Only with ``return_details``: one row per point of ``pcd``; None for an empty cloud.
+
+    Raises
+    ------
+    ValueError
+        ``pcd`` has 1 to 3 finite points, or they coincide or lie on a line; an option is out of
+        range; ``pcd`` is no point cloud.
+    ImportError
+        Open3D is missing; the message says what to type.
+
+    Notes
+    -----
+    An empty cloud is returned unchanged with a warning in the log, as Open3D does.
+    """
+    cloud = adapters.read_cloud(pcd)
+    max_nn, radius = adapters.read_search_param(search_param)
+    validation.check_exclusive(viewpoint=viewpoint, towards=towards)
+    viewpoint = validation.check_vector(viewpoint, "viewpoint")
+    towards = validation.check_direction(towards, "towards")
+    n_threads = validation.check_n_threads(n_threads)
+    if len(cloud.points) == 0:
+        _logger.warning("pcd has no points: returned unchanged")
+        return (pcd, None) if return_details else pcd
+    finite = _finite_points(cloud)
+    with _progress(print_progress) as progress:
+        estimate = pipeline.estimate_normals(
+            _rows(cloud.points, finite),
+            max_nn=max_nn,
+            radius=radius,
+            viewpoint=viewpoint,
+            towards=towards,
+            n_threads=n_threads,
+            progress=progress,
+        )
+    details = _scatter_normals(estimate, finite)
+    adapters.write_normals(pcd, details.normals)
+    return (pcd, details) if return_details else pcd
+
+
+def reconstruct_surface(
+    pcd: Any,
+    *,
+    depth: int | None = None,
+    voxel_size: float | None = None,
+    use_normals: bool = False,
+    trim: float | None = None,
+    search_param: Any = None,
+    n_threads: int = -1,
+    print_progress: bool | ProgressCallback = False,
+    return_details: bool = False,
+) -> Any:
+    """Reconstruct a watertight triangle mesh from a cloud without normals.
+
+    Parameters
+    ----------
+    pcd : open3d.geometry.PointCloud or open3d.t.geometry.PointCloud
+        The cloud, in any unit; not changed. Rows with NaN or infinity are left out.
+    depth : int, optional
+        Resolution: the largest side of the bounding box has 2**depth cells (1 to 16). None finds
+        it from the spacing of the points.
+    voxel_size : float, optional
+        Resolution: side of a cell, in the cloud's unit. At most one of ``depth``, ``voxel_size``.
+    use_normals : bool, default False
+        Take the sides of the surface from the cloud's own normals. False ignores them.
+    trim : float, optional
+        Remove triangles whose confidence (0 to 1) is below this: for open surfaces and terrain.
+        The mesh then has borders. None keeps the mesh closed.
+    search_param : open3d.geometry.KDTreeSearchParamKNN, ...Radius, ...Hybrid, optional
+        Largest neighbourhood of a local fit, in points, in the cloud's unit, or both. None finds
+        it from the data.
+    n_threads : int, default -1
+        -1 uses all cores. The result is the same for any number.
+    print_progress : bool or callable, default False
+        True draws a bar on the standard error stream; a callable gets (fraction, text).
+    return_details : bool, default False
+        Return the details too.
+
+    Returns
+    -------
+    mesh : open3d.geometry.TriangleMesh or open3d.t.geometry.TriangleMesh
+        The family of ``pcd``, with vertex normals, and colours when ``pcd`` has them. On a tensor
+        mesh the other attributes of the points too: floating-point ones blended, others (labels)
+        from the point that counts most.
+    details : SurfaceDetails
+        Only with ``return_details``; per-point arrays have one row per point of ``pcd``.
+
+    Raises
+    ------
+    ValueError
+        ``pcd`` has less than 4 finite points, or they coincide, or lie on a line or in a plane
+        (in a plane: unless ``trim`` is given); ``use_normals`` without normals; an option is out of
+        range; ``pcd`` is no point cloud.
+    ImportError
+        Open3D is missing; the message says what to type.
+    """
+    cloud = adapters.read_cloud(pcd)
+    max_nn, radius = adapters.read_search_param(search_param)
+    validation.check_exclusive(depth=depth, voxel_size=voxel_size)
+    depth = validation.check_integer(depth, "depth", 1, _MAX_DEPTH)
+    voxel_size = validation.check_positive(voxel_size, "voxel_size")
+    trim = validation.check_fraction(trim, "trim")
+    n_threads = validation.check_n_threads(n_threads)
+    finite = _finite_points(cloud)
+    normals = _own_normals(cloud, finite) if use_normals else None
+    with _progress(print_progress) as progress:
+        estimate = pipeline.reconstruct_surface(
+            _rows(cloud.points, finite),
+            normals=None if normals is None else _rows(normals, finite),
+            depth=depth,
+            voxel_size=voxel_size,
+            trim=trim,
+            max_nn=max_nn,
+            radius=radius,
+            n_threads=n_threads,
+            progress=progress,
+        )
+    details = _scatter_surface(estimate, finite)
+    mesh = adapters.make_mesh(
+        pcd,
+        details.vertices,
+        details.triangles,
+        details.vertex_normals,
+        _carry(details.source_weights, cloud.attributes),
+    )
+    return (mesh, details) if return_details else mesh
+
+
+@contextlib.contextmanager
+def _progress(print_progress: bool | ProgressCallback) -> Iterator[ProgressCallback | None]:
+    if callable(print_progress):
+        yield print_progress
+    elif print_progress:
+        with contextlib.closing(ProgressBar()) as bar:
+            yield bar
+    else:
+        yield None
+
+
+def _finite_points(cloud: adapters.CloudArrays) -> NDArray[np.bool_]:
+    """Return the mask of finite points; too few of them are an error, some missing a warning."""
+    finite = validation.finite_rows(cloud.points)
+    count = int(np.count_nonzero(finite))
+    validation.check_point_count(count, "pcd")
+    validation.check_magnitude(_rows(cloud.points, finite), "pcd")
+    if count < len(finite):
+        _logger.warning(_left_out(finite))
+    return finite
+
+
+def _left_out(finite: NDArray[np.bool_]) -> str:
+    bad = len(finite) - int(np.count_nonzero(finite))
+    return f"{bad} of {len(finite)} points are not finite (NaN or inf) and were left out"
+
+
+def _own_normals(cloud: adapters.CloudArrays, finite: NDArray[np.bool_]) -> NDArray[np.float64]:
+    if cloud.normals is None:
+        raise ValueError("use_normals: expected a cloud with normals, got one without")
+    bad = int(np.count_nonzero(finite & ~validation.finite_rows(cloud.normals)))
+    if bad:
+        raise ValueError(f"use_normals: expected finite normals, got {bad} rows with NaN or inf")
+    if not cloud.normals[finite].any():
+        raise ValueError("use_normals: expected normals, got zero vectors only")
+    return cloud.normals
+
+
+def _rows(array: NDArray[np.float64], mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+    return array if mask.all() else array[mask]
+
+
+def _scatter_normals(estimate: NormalEstimate, finite: NDArray[np.bool_]) -> NormalEstimate:
+    """Bring per-point arrays to the user's rows, those without finite coordinates included."""
+    if finite.all():
+        return estimate
+
+    def spread(values: NDArray[Any], missing: Any) -> NDArray[Any]:
+        full = np.full((len(finite), *values.shape[1:]), missing, dtype=values.dtype)
+        full[finite] = values
+        return full
+
+    return dataclasses.replace(
+        estimate,
+        normals=spread(estimate.normals, 0.0),
+        confidence=spread(estimate.confidence, 0.0),
+        outliers=spread(estimate.outliers, True),
+        noise=spread(estimate.noise, np.nan),
+        warnings=(*estimate.warnings, _left_out(finite)),
+    )
+
+
+def _scatter_surface(estimate: SurfaceEstimate, finite: NDArray[np.bool_]) -> SurfaceEstimate:
+    weights = estimate.source_weights
+    if finite.all():
+        return estimate
+    if weights is not None:
+        weights = scipy.sparse.csr_matrix(
+            (weights.data, np.flatnonzero(finite)[weights.indices], weights.indptr),
+            shape=(weights.shape[0], len(finite)),
+        )
+    return dataclasses.replace(
+        estimate, normals=_scatter_normals(estimate.normals, finite), source_weights=weights
+    )
+
+
+def _carry(
+    weights: scipy.sparse.csr_matrix | None, attributes: Mapping[str, NDArray[Any]]
+) -> dict[str, NDArray[Any]]:
+    """Bring values per point to the vertices, in their number type."""
+    if weights is None or not attributes:
+        return {}
+    carried = {}
+    for name, values in attributes.items():
+        if values.dtype.kind == "f" or name == "colors":
+            flat = values.reshape(len(values), -1).astype(np.float64)
+            blended = (weights @ flat).reshape(-1, *values.shape[1:])
+            # Rounding may leave the range of the blended values, 1 for full intensity.
+            blended = blended.clip(np.fmin.reduce(values), np.fmax.reduce(values))
+            if values.dtype.kind != "f":
+                blended = np.rint(blended)
+            carried[name] = blended.astype(values.dtype)
+        else:
+            carried[name] = values[_heaviest(weights)]
+    return carried
+
+
+def _heaviest(weights: scipy.sparse.csr_matrix) -> NDArray[np.intp]:
+    """Return for every row the column with the largest weight."""
+    return np.asarray(weights.argmax(axis=1)).ravel()

@@ -1,0 +1,126 @@
+"""Progress reports: a bar on a terminal, or plain lines that another program can read."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Callable
+from typing import Literal, Protocol, TextIO
+
+ProgressCallback = Callable[[float, str], None]
+"""Called with the fraction done (0 to 1) and what is being done; what it raises propagates."""
+
+ProgressMode = Literal["auto", "bar", "plain", "none"]
+
+
+class Progress(Protocol):
+    """A progress callback with an end."""
+
+    def __call__(self, fraction: float, text: str) -> None:
+        """Report ``fraction`` (0 to 1) done and the stage ``text`` that runs now."""
+
+    def close(self) -> None:
+        """Leave the terminal in order; safe to call twice."""
+
+
+class ProgressBar:
+    """One line on a terminal, redrawn in place.
+
+    Parameters
+    ----------
+    stream : text stream, optional
+        Where to draw; None is the standard error stream of the moment.
+    """
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        self._stream = sys.stderr if stream is None else stream
+        self._shown: tuple[int, str] | None = None
+
+    def __call__(self, fraction: float, text: str) -> None:
+        """Redraw the line when the percentage or the text has changed."""
+        state = (_percent(fraction), text)
+        if state == self._shown:
+            return
+        self._shown = state
+        columns = shutil.get_terminal_size().columns
+        width = max(10, min(40, columns - 40))
+        filled = width * state[0] // 100
+        line = f"[{'#' * filled}{'.' * (width - filled)}] {state[0]:3d} % {text}"
+        # Erase to the end of the line, so that a shorter text leaves nothing of a longer one.
+        self._stream.write(f"\r{line[: columns - 1]}\x1b[K")
+        self._stream.flush()
+
+    def close(self) -> None:
+        """End the line."""
+        if self._shown is not None:
+            self._stream.write("\n")
+            self._stream.flush()
+            self._shown = None
+
+
+class PlainProgress:
+    """Lines ``PROGRESS n text``, n the whole percentage, never falling.
+
+    Parameters
+    ----------
+    stream : text stream, optional
+        Where to write; None is the standard output stream of the moment.
+    """
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        self._stream = sys.stdout if stream is None else stream
+        self._shown: tuple[int, str] = (0, "")
+
+    def __call__(self, fraction: float, text: str) -> None:
+        """Write one line when the percentage or the text has changed."""
+        state = (max(_percent(fraction), self._shown[0]), " ".join(text.split()))
+        if state != self._shown:
+            self._shown = state
+            self._stream.write(f"PROGRESS {state[0]} {state[1]}\n")
+            self._stream.flush()
+
+    def close(self) -> None:
+        """Nothing to tidy: every line is complete."""
+
+
+class NoProgress:
+    """Says nothing."""
+
+    def __call__(self, fraction: float, text: str) -> None:
+        """Ignore the report."""
+
+    def close(self) -> None:
+        """Nothing to tidy."""
+
+
+def make_progress(mode: ProgressMode) -> Progress:
+    """Return the reporter for a command line's ``--progress``.
+
+    Parameters
+    ----------
+    mode : {"auto", "bar", "plain", "none"}
+        "auto" is a bar when the standard error stream is a terminal, else nothing.
+
+    Returns
+    -------
+    Progress
+        To be closed by the caller.
+    """
+    if mode == "plain":
+        return PlainProgress()
+    if mode == "bar" or (mode == "auto" and sys.stderr.isatty()):
+        return ProgressBar()
+    return NoProgress()
+
+
+def rescale(progress: ProgressCallback, start: float, stop: float) -> ProgressCallback:
+    """Return a callback whose 0 to 1 is ``start`` to ``stop`` of ``progress``."""
+
+    def report(fraction: float, text: str) -> None:
+        progress(start + (stop - start) * fraction, text)
+
+    return report
+
+
+def _percent(fraction: float) -> int:
+    return int(100 * min(max(fraction, 0.0), 1.0))

@@ -1,0 +1,224 @@
+"""Checks of arrays and options: a ``ValueError`` that names the argument, expected and got."""
+
+from __future__ import annotations
+
+import operator
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+MIN_POINTS = 4
+# A local quadric has six coefficients.
+MIN_NEIGHBORS = 6
+# Sixth powers of lengths, as in the normal equations of a quadric, stay representable.
+_LARGEST = 1e50
+
+
+def check_points(points: ArrayLike, name: str = "points") -> NDArray[np.float64]:
+    """Return ``points`` as a finite, C-contiguous ``(n, 3)`` float64 array, n >= 4.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 3)
+        Coordinates in any unit.
+    name : str, default "points"
+        The argument's name, for the message.
+
+    Returns
+    -------
+    numpy.ndarray, shape (n, 3)
+        A view where the input already fits, else a copy.
+
+    Raises
+    ------
+    ValueError
+        Wrong shape, values that are not real numbers, NaN or infinity, fewer than 4 points.
+    """
+    array = check_array(points, name)
+    finite = finite_rows(array)
+    if not finite.all():
+        bad = int(len(array) - np.count_nonzero(finite))
+        raise ValueError(f"{name}: expected finite coordinates, got {bad} rows with NaN or inf")
+    check_point_count(len(array), name)
+    return array
+
+
+def check_array(values: ArrayLike, name: str) -> NDArray[np.float64]:
+    """Return ``values`` as a C-contiguous ``(n, 3)`` float64 array; NaN and infinity may stay.
+
+    Parameters
+    ----------
+    values : array_like, shape (n, 3)
+        Real numbers.
+    name : str
+        The argument's name, for the message.
+
+    Returns
+    -------
+    numpy.ndarray, shape (n, 3)
+        A view where the input already fits, else a copy.
+
+    Raises
+    ------
+    ValueError
+        Wrong shape, or values that are not real numbers.
+    """
+    array = np.asarray(values)
+    if array.dtype.kind not in "fiu":
+        raise ValueError(f"{name}: expected real numbers, got dtype {array.dtype}")
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise ValueError(f"{name}: expected shape (n, 3), got {array.shape}")
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
+def check_point_count(count: int, name: str) -> None:
+    """Raise ``ValueError`` unless ``count`` points are enough for a surface (4)."""
+    if count < MIN_POINTS:
+        raise ValueError(f"{name}: expected at least {MIN_POINTS} finite points, got {count}")
+
+
+def finite_rows(array: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return an ``(n,)`` mask of the rows without NaN and infinity."""
+    return np.asarray(np.isfinite(array).all(axis=1))
+
+
+def check_magnitude(points: NDArray[np.float64], name: str) -> None:
+    """Raise ``ValueError`` for finite points whose volumes double precision cannot hold.
+
+    Parameters
+    ----------
+    points : numpy.ndarray, shape (n, 3)
+        Finite coordinates.
+    name : str
+        The argument's name, for the message.
+    """
+    largest = float(np.abs(points).max(initial=0.0))
+    extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
+    if largest > _LARGEST or 0.0 < extent < 1.0 / _LARGEST:
+        raise ValueError(
+            f"{name}: expected coordinates below {_LARGEST:g} and an extent above "
+            f"{1.0 / _LARGEST:g}, got {largest:g} and {extent:g}"
+        )
+
+
+def check_vector(value: ArrayLike | None, name: str) -> NDArray[np.float64] | None:
+    """Return ``value`` as a finite ``(3,)`` float64 array, or None.
+
+    Raises
+    ------
+    ValueError
+        Not three finite real numbers.
+    """
+    if value is None:
+        return None
+    try:
+        vector = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: expected three numbers, got {value!r}") from None
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise ValueError(f"{name}: expected three finite numbers, got {value!r}")
+    return vector
+
+
+def check_direction(value: ArrayLike | None, name: str) -> NDArray[np.float64] | None:
+    """Return ``value`` as a unit ``(3,)`` vector, or None.
+
+    Raises
+    ------
+    ValueError
+        Not three finite real numbers, or all of them zero.
+    """
+    vector = check_vector(value, name)
+    if vector is None:
+        return None
+    # Dividing by the largest entry first keeps very long and very short vectors representable.
+    largest = np.abs(vector).max()
+    if largest == 0:
+        raise ValueError(f"{name}: expected a direction other than zero, got {value!r}")
+    vector = vector / largest
+    unit: NDArray[np.float64] = vector / np.linalg.norm(vector)
+    return unit
+
+
+def check_integer(value: Any, name: str, minimum: int, maximum: int | None = None) -> int | None:
+    """Return ``value`` as an int within [minimum, maximum], or None.
+
+    Raises
+    ------
+    ValueError
+        Not an integer, or out of range.
+    """
+    if value is None:
+        return None
+    expected = f"an integer >= {minimum}"
+    if maximum is not None:
+        expected = f"an integer from {minimum} to {maximum}"
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise ValueError(f"{name}: expected {expected}, got {value!r}") from None
+    outside = number < minimum or (maximum is not None and number > maximum)
+    if isinstance(value, bool) or outside:
+        raise ValueError(f"{name}: expected {expected}, got {value!r}")
+    return number
+
+
+def check_positive(value: Any, name: str) -> float | None:
+    """Return ``value`` as a finite float above zero, or None.
+
+    Raises
+    ------
+    ValueError
+        Not a real number, not finite, zero or negative.
+    """
+    number = _real(value, name, "a number above 0")
+    if number is not None and not 0 < number < np.inf:
+        raise ValueError(f"{name}: expected a finite number above 0, got {value!r}")
+    return number
+
+
+def check_fraction(value: Any, name: str) -> float | None:
+    """Return ``value`` as a float within [0, 1], or None.
+
+    Raises
+    ------
+    ValueError
+        Not a real number, or outside [0, 1].
+    """
+    number = _real(value, name, "a number from 0 to 1")
+    if number is not None and not 0 <= number <= 1:
+        raise ValueError(f"{name}: expected a number from 0 to 1, got {value!r}")
+    return number
+
+
+def check_n_threads(value: Any) -> int:
+    """Return ``n_threads``: -1 (all cores) or a positive integer.
+
+    Raises
+    ------
+    ValueError
+        Anything else.
+    """
+    number = check_integer(value, "n_threads", -1)
+    if number is None or number == 0:
+        raise ValueError(f"n_threads: expected -1 (all cores) or at least 1, got {value!r}")
+    return number
+
+
+def check_exclusive(**options: Any) -> None:
+    """Raise ``ValueError`` when more than one of ``options`` is given (is not None)."""
+    given = [name for name, value in options.items() if value is not None]
+    if len(given) > 1:
+        raise ValueError(f"{' and '.join(given)}: expected at most one of them, got both")
+
+
+def _real(value: Any, name: str, expected: str) -> float | None:
+    if value is None:
+        return None
+    try:
+        if isinstance(value, (bool, str)):
+            raise TypeError
+        return float(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: expected {expected}, got {value!r}") from None

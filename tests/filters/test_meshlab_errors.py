@@ -1,0 +1,126 @@
+"""What the filters for PyMeshLab refuse, and that the MeshSet is unchanged then."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapes
+from numpy.typing import NDArray
+
+pymeshlab = pytest.importorskip("pymeshlab", reason="PyMeshLab is not installed")
+import meshlab_sofnn  # noqa: E402 - it needs PyMeshLab
+
+RECONSTRUCT = "generate_surface_reconstruction_sofnn"
+NORMALS = "compute_normal_for_point_clouds_sofnn"
+
+
+@pytest.fixture(autouse=True)
+def _nothing_registered() -> Iterator[None]:
+    yield
+    meshlab_sofnn.unregister()
+
+
+BAD = [
+    (RECONSTRUCT, {"voxelsize": 1}, "Parameter voxelsize not found for filter generate_"),
+    (RECONSTRUCT, {"Depth": 5}, "Parameter Depth not found"),
+    (RECONSTRUCT, {"progress": print}, "Parameter progress not found"),
+    (RECONSTRUCT, {"voxel_size": 0.1}, "voxel_size: expected pymeshlab.PercentageValue"),
+    (RECONSTRUCT, {"voxel_size": pymeshlab.PureValue(-1)}, "voxel_size: expected"),
+    (RECONSTRUCT, {"depth": 5, "voxel_size": pymeshlab.PureValue(1)}, "depth and voxel_size"),
+    (RECONSTRUCT, {"depth": -1}, "depth: expected an integer from 1 to 16, got -1"),
+    (RECONSTRUCT, {"depth": 17}, "depth: expected"),
+    (RECONSTRUCT, {"depth": 5.0}, "Parameter depth: expected an integer, got 5.0"),
+    (RECONSTRUCT, {"depth": True}, "Parameter depth: expected an integer, got True"),
+    (RECONSTRUCT, {"trim": 1.5}, "trim: expected a number from 0 to 1, got 1.5"),
+    (RECONSTRUCT, {"trim": "much"}, "Parameter trim: expected a number, got 'much'"),
+    (RECONSTRUCT, {"use_normals": 1}, "Parameter use_normals: expected True or False, got 1"),
+    (NORMALS, {"max_nn": 3}, "max_nn: expected an integer >= 6, got 3"),
+    (NORMALS, {"n_threads": 0}, "n_threads: expected"),
+    (NORMALS, {"radius": pymeshlab.PureValue(-1)}, "radius: expected"),
+    (NORMALS, {"orientation": "up"}, "Enum 'up' not found. Possible values are 'automatic'"),
+    (NORMALS, {"orientation": 3}, "Enum 3 not valid"),
+    (NORMALS, {"viewpos": (1, 2)}, "Parameter viewpos: expected three numbers"),
+    (NORMALS, {"viewpos": "here"}, "Parameter viewpos: expected three numbers"),
+    (NORMALS, {"orientation": "viewpoint", "viewpos": (1, 2, np.nan)}, "viewpoint: expected"),
+    (NORMALS, {"orientation": "direction", "direction": (0, 0, 0)}, "towards: expected"),
+]
+
+
+@pytest.mark.parametrize(("name", "params", "message"), BAD)
+def test_bad_parameters(ms: Any, name: str, params: Any, message: str, state: Any) -> None:
+    meshlab_sofnn.register(plugin=False)
+    before = state(ms)
+    errors = (pymeshlab.PyMeshLabException, pymeshlab.InvalidEnumException)
+    with pytest.raises(errors) as caught:
+        ms.apply_filter(name, **params)
+    assert message in str(caught.value)
+    assert state(ms) == before
+
+
+def flat(n: int) -> NDArray[np.float64]:
+    return shapes.plane_patch(n).points
+
+
+@pytest.mark.parametrize("run", [meshlab_sofnn.reconstruct, meshlab_sofnn.estimate_normals])
+@pytest.mark.parametrize(
+    ("mesh", "message"),
+    [
+        (lambda: None, "requires at least one mesh loaded in the MeshSet"),
+        (
+            lambda: pymeshlab.Mesh(flat(9), np.array([[0, 1, 2]], dtype=np.int32)),
+            "layer 'x' has 1 faces, expected a point cloud",
+        ),
+        (lambda: pymeshlab.Mesh(flat(3)), "at least 4 finite points, got 3"),
+        (lambda: pymeshlab.Mesh(np.ones((50, 3))), "points"),
+        (lambda: pymeshlab.Mesh(np.outer(np.arange(50.0), (1, 2, 3))), "points"),
+    ],
+)
+def test_layers_that_are_no_point_cloud(
+    run: Callable[..., Any], mesh: Callable[[], Any], message: str, state: Any
+) -> None:
+    ms = pymeshlab.MeshSet()
+    if (made := mesh()) is not None:
+        ms.add_mesh(made, "x")
+    before = state(ms)
+    with pytest.raises(pymeshlab.PyMeshLabException) as caught:
+        run(ms)
+    assert message in str(caught.value)
+    assert state(ms) == before
+
+
+def test_an_empty_layer(ms: Any, state: Any) -> None:
+    ms.apply_filter("set_selection_all")
+    ms.apply_filter("meshing_remove_selected_vertices")
+    before = state(ms)
+    with pytest.raises(pymeshlab.PyMeshLabException, match="layer 'cloud' is empty"):
+        meshlab_sofnn.reconstruct(ms)
+    assert state(ms) == before
+
+
+def test_a_matrix_that_flattens_the_layer(ms: Any, state: Any) -> None:
+    ms.apply_filter("set_matrix", transformmatrix=np.diag([1.0, 1.0, 0.0, 1.0]), freeze=False)
+    before = state(ms)
+    with pytest.raises(pymeshlab.PyMeshLabException, match="flattens"):
+        meshlab_sofnn.estimate_normals(ms)
+    assert state(ms) == before
+
+
+def test_the_native_plugin_must_exist(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    missing = tmp_path / "libfilter_sofnn.so"
+    with pytest.raises(pymeshlab.PyMeshLabException, match="No such native plugin"):
+        meshlab_sofnn.register(missing)
+    monkeypatch.setenv("MESHLAB_SOFNN_PLUGIN", str(missing))
+    with pytest.raises(pymeshlab.PyMeshLabException, match="No such native plugin"):
+        meshlab_sofnn.register()
+    monkeypatch.delenv("MESHLAB_SOFNN_PLUGIN")
+    with pytest.raises(pymeshlab.PyMeshLabException, match="MESHLAB_SOFNN_PLUGIN"):
+        meshlab_sofnn.register(plugin=True)
+    assert not hasattr(pymeshlab.MeshSet, RECONSTRUCT)
+    missing.write_bytes(b"not a library")
+    with pytest.raises(pymeshlab.PyMeshLabException):
+        meshlab_sofnn.register(missing)
+    assert not hasattr(pymeshlab.MeshSet, RECONSTRUCT)
