@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _kernels
+from .rlps import LocalSurfaces
 from .rules import RuleBase
 
 REACH = (0.75, 1.5)
@@ -29,6 +30,8 @@ class Field:
     ----------
     rules : RuleBase
         Oriented rules.
+    surfaces : LocalSurfaces
+        Their local implicits.
     samples : (n, 3) float64
         Points moved onto the surface.
     normals : (n, 3) float64
@@ -42,12 +45,14 @@ class Field:
     def __init__(
         self,
         rules: RuleBase,
+        surfaces: LocalSurfaces,
         samples: NDArray[np.float64],
         normals: NDArray[np.float64],
         spacing: NDArray[np.float64],
         n_threads: int,
     ) -> None:
         self.rules = rules
+        self.surfaces = surfaces
         self._samples = _kernels.KdTree(samples, n_threads)
         self._spacing = spacing
         self.n_threads = n_threads
@@ -99,6 +104,8 @@ class Field:
             self.rules.radius,
             self.rules.tolerance,
             self.rules.quality,
+            self.surfaces.terms,
+            self.surfaces.n_terms,
             min(NEAREST, len(self.rules)),
             self.n_threads,
         )

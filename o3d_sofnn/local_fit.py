@@ -87,7 +87,8 @@ def choose_scale(
         disagreement = np.arccos(np.clip(cosine, 0.0, 1.0))
         regional = (disagreement[region].mean(axis=1) + 0.25 * disagreement.mean(axis=0)) / 1.25
         # Below the noise both normals are random and agree by chance: that minimum does not count.
-        rising = (regional[:, 1:] >= regional[:, :-1]) & (regional[:, :-1] < RANDOM)
+        rising = np.zeros(regional.shape, bool)
+        rising[:, :-1] = (regional[:, 1:] >= regional[:, :-1]) & (regional[:, :-1] < RANDOM)
         if (~rising.any(axis=1)).mean() < 0.05:
             break
     # The first minimum: far beyond the size of a thin part normals agree again, with each other only.
@@ -95,10 +96,42 @@ def choose_scale(
     row = np.arange(len(pilots))
     if max_radius is not None:
         chosen = np.minimum(chosen, np.maximum((info[:, :, 2] <= max_radius).sum(axis=1) - 1, 0))
-    noise = np.median(info[row, chosen, 0][region], axis=1)
+    residual = info[:, :, 0][row, chosen]
+    low, high = np.maximum(chosen - 1, 0), np.minimum(np.maximum(chosen + 1, 2), len(sizes) - 1)
+    noise = noise_level(info[row, low, 0], info[row, high, 0], sizes[low], sizes[high])
+    noise = np.minimum(noise, residual)
+    noise = np.median(noise[region], axis=1)
     radius = info[row, chosen, 2] / RADIUS
     spacing = radius * np.sqrt(np.pi / sizes[chosen])
     return Scale(pilot_tree, sizes[chosen], noise, np.median(spacing[region], axis=1))
+
+
+def noise_level(
+    fine: NDArray[np.float64],
+    coarse: NDArray[np.float64],
+    n_fine: NDArray[np.int64],
+    n_coarse: NDArray[np.int64],
+) -> NDArray[np.float64]:
+    """Separate noise from shape in the residuals of quadric fits at two scales.
+
+    Noise leaves the same residual at every scale; what a quadric misses of the shape grows with the
+    third power of the radius, so its square with the third power of the number of points.
+
+    Parameters
+    ----------
+    fine, coarse : (p,) float64
+        Root-mean-square residuals.
+    n_fine, n_coarse : (p,) int64
+        Points in the fits.
+
+    Returns
+    -------
+    (p,) float64
+        Standard deviation of the noise.
+    """
+    ratio = (n_fine / n_coarse) ** 3.0
+    rest = (fine**2 - ratio * coarse**2) / np.maximum(1.0 - ratio, 1e-3)
+    return np.sqrt(np.maximum(rest, 0.0))
 
 
 def find_outliers(

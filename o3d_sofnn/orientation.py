@@ -123,7 +123,6 @@ def face(
     rules: RuleBase,
     viewpoint: NDArray[np.float64] | None,
     towards: NDArray[np.float64] | None,
-    middle: NDArray[np.float64],
     n_threads: int,
 ) -> RuleBase:
     """Turn rules to where the user wants them to face.
@@ -131,13 +130,11 @@ def face(
     Parameters
     ----------
     rules : RuleBase
-        Oriented rules, in coordinates about `middle`.
+        Oriented rules.
     viewpoint : (3,) float64 or None
         Every rule faces this place.
     towards : (3,) float64 or None
         Every connected piece faces this direction in the mean.
-    middle : (3,) float64
-        Origin of the rules' coordinates.
     n_threads : int
         Threads.
 
@@ -146,7 +143,7 @@ def face(
     RuleBase
     """
     if viewpoint is not None:
-        return rules.facing(viewpoint - middle - rules.feet)
+        return rules.facing(viewpoint - rules.feet)
     if towards is not None:
         piece = pieces(rules, n_threads)
         lean = np.bincount(piece, rules.areas * (rules.normals @ towards))

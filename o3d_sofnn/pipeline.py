@@ -6,7 +6,7 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from .field import Field
 from .local_fit import Scale, choose_scale, find_outliers
 from .octree import sort_unique
 from .orientation import face, orient
+from .rlps import reconstruct_units
 from .results import NormalEstimate, SurfaceEstimate
 from .rules import RuleBase, fit_rules, grow, infer_normals, typical_data
 from .surface import attribute_weights, choose_voxel_size, extract, keep_supported
@@ -32,8 +33,10 @@ STAGES = {
     "typical data": 0.10,
     "rules": 0.15,
     "orientation": 0.40,
+    "growth": 0.45,
     "inference": 0.50,
-    "field": 0.55,
+    "local surfaces": 0.55,
+    "field": 0.60,
     "surface": 0.95,
     "attributes": 1.00,
 }
@@ -63,7 +66,7 @@ class _Clock:
 
 @dataclass(frozen=True)
 class _Learned:
-    """What both operators need: the rule base of a cloud, in coordinates about its middle."""
+    """What both operators need: the rule base of a cloud moved and scaled into the unit cube."""
 
     points: Array
     inverse: NDArray[np.int64]
@@ -72,6 +75,7 @@ class _Learned:
     inliers: NDArray[np.bool_]
     rules: RuleBase
     middle: Array
+    extent: float
     warnings: tuple[str, ...]
 
 
@@ -169,13 +173,21 @@ def reconstruct_surface(
     estimate = _infer(learned, threads, clock)
     rules = learned.rules
 
-    with clock.stage("field"):
-        size = choose_voxel_size(learned.points, estimate.spacing, rules, depth, voxel_size)
-        inliers = learned.points[learned.inliers]
+    with clock.stage("local surfaces"):
+        inliers = np.ascontiguousarray(learned.points[learned.inliers])
         facing, _, residual = infer_normals(rules, inliers, threads)
+        surfaces = reconstruct_units(rules, inliers, facing, learned.tree, threads)
+    with clock.stage("field"):
+        size = choose_voxel_size(
+            learned.points,
+            float(np.median(learned.scale.spacing)),
+            rules,
+            depth,
+            None if voxel_size is None else voxel_size / learned.extent,
+        )
         samples = inliers - residual[:, None] * facing
         spacing = np.maximum(learned.scale.spacing[learned.scale.at(inliers, threads)], size)
-        implicit = Field(rules, samples, facing, spacing, threads)
+        implicit = Field(rules, surfaces, samples, facing, spacing, threads)
     with clock.stage("surface"):
         vertices, triangles = extract(implicit, samples, size)
         confidence = implicit(vertices)[1]
@@ -183,20 +195,23 @@ def reconstruct_surface(
             vertices, triangles, confidence, samples, trim, threads
         )
         if not len(triangles):
-            raise ValueError("points define no surface: every triangle was below trim")
+            reason = "the points are too few or too flat" if trim is None else "trim removed it all"
+            raise ValueError(f"points define no surface at this resolution: {reason}")
     with clock.stage("attributes"):
         vertex_normals = infer_normals(rules, vertices, threads)[0]
-        weights = attribute_weights(vertices, points - learned.middle, size, threads)
+        weights = attribute_weights(
+            vertices, (points - learned.middle) / learned.extent, size, threads
+        )
     clock.finish()
     return SurfaceEstimate(
-        vertices=vertices + learned.middle,
+        vertices=vertices * learned.extent + learned.middle,
         triangles=triangles,
         vertex_normals=vertex_normals,
         confidence=confidence,
         source_weights=weights,
         normals=estimate,
-        offset_points=0,
-        voxel_size=size,
+        offset_points=surfaces.offset_points,
+        voxel_size=size * learned.extent,
         seconds=clock.seconds,
         watertight=metrics.is_closed(triangles),
     )
@@ -220,12 +235,15 @@ def _learn(
     with clock.stage("cells"):
         middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         order, inverse = sort_unique(points)
-        x = np.ascontiguousarray(points[order] - middle)
+        extent = float(np.ptp(points, axis=0).max())
+        x = np.ascontiguousarray((points[order] - middle) / extent)
     with clock.stage("scale"):
         inliers = ~find_outliers(x, KdTree(x, threads), threads)
         clean = np.ascontiguousarray(x[inliers])
         tree = KdTree(clean, threads)
-        scale = choose_scale(clean, tree, max_nn, radius, threads)
+        scale = choose_scale(
+            clean, tree, max_nn, None if radius is None else radius / extent, threads
+        )
     with clock.stage("typical data"):
         centers = typical_data(clean, scale, threads)
         pilot = scale.at(centers, threads)
@@ -239,8 +257,9 @@ def _learn(
             rules = rules.facing(normals[order][nearest])
         else:
             rules, warnings = orient(rules, threads)
-            rules = face(rules, viewpoint, towards, middle, threads)
-    with clock.stage("rules"):
+            place = None if viewpoint is None else (viewpoint - middle) / extent
+            rules = face(rules, place, towards, threads)
+    with clock.stage("growth"):
         sides, _, residual = infer_normals(rules, clean, threads)
         centers, size, noise = grow(rules, clean, tree, residual, threads)
         side = infer_normals(rules, centers, threads)[0]
@@ -255,7 +274,7 @@ def _learn(
             sides=np.concatenate([rules.normals, side]),
             confidence=np.concatenate([rules.confidence, np.ones(len(centers))]),
         )
-    return _Learned(x, inverse, tree, scale, inliers, rules, middle, warnings)
+    return _Learned(x, inverse, tree, scale, inliers, rules, middle, extent, warnings)
 
 
 def _infer(learned: _Learned, threads: int, clock: _Clock) -> NormalEstimate:
@@ -271,11 +290,11 @@ def _infer(learned: _Learned, threads: int, clock: _Clock) -> NormalEstimate:
         normals=normals[back],
         confidence=confidence[back],
         outliers=~learned.inliers[back],
-        noise=noise[back],
-        noise_level=float(np.median(learned.scale.noise)),
-        spacing=float(np.median(learned.scale.spacing)),
+        noise=noise[back] * learned.extent,
+        noise_level=float(np.median(learned.scale.noise)) * learned.extent,
+        spacing=float(np.median(learned.scale.spacing)) * learned.extent,
         seconds=dict(clock.seconds),
-        rules=replace(rules, centers=rules.centers + learned.middle),
+        rules=rules.moved(learned.extent, learned.middle),
         warnings=learned.warnings,
     )
 

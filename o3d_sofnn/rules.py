@@ -109,6 +109,16 @@ class RuleBase:
         coefficients = np.where(sign[:, None] < 0, self.coefficients * flip, self.coefficients)
         return replace(self, frames=frames, coefficients=coefficients)
 
+    def moved(self, scale: float, offset: NDArray[np.float64]) -> RuleBase:
+        """Return the rules in coordinates ``scale * x + offset``."""
+        return replace(
+            self,
+            centers=scale * self.centers + offset,
+            radius=scale * self.radius,
+            residual=scale * self.residual,
+            noise=scale * self.noise,
+        )
+
     def joined(self, other: RuleBase) -> RuleBase:
         """Both rule bases, this one first."""
         return RuleBase(

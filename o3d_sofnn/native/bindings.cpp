@@ -5,6 +5,7 @@
 
 #include "local_fit.hpp"
 #include "field.hpp"
+#include "rlps.hpp"
 #include "typical_data.hpp"
 #include "winding.hpp"
 
@@ -16,6 +17,7 @@ using Points = nb::ndarray<const double, nb::shape<-1, 3>, nb::c_contig, nb::dev
 using Doubles = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Frames = nb::ndarray<const double, nb::shape<-1, 3, 3>, nb::c_contig, nb::device::cpu>;
 using Coefficients = nb::ndarray<const double, nb::shape<-1, 6>, nb::c_contig, nb::device::cpu>;
+using Terms = nb::ndarray<const double, nb::shape<-1, -1, 4>, nb::c_contig, nb::device::cpu>;
 using Ints = nb::ndarray<const int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
 template <class T>
@@ -115,15 +117,50 @@ NB_MODULE(_kernels, m) {
           }
           return nb::make_tuple(array(std::move(normal), {n, 3}), array(std::move(info), {n, 2}));
         },
-        "tree"_a, "x"_a, "centers"_a, "frames"_a, "coefficients"_a, "radius"_a, "tolerance"_a, "confidence"_a, "k"_a, "n_threads"_a);
+        "tree"_a, "x"_a, "centers"_a, "frames"_a, "coefficients"_a, "radius"_a, "tolerance"_a, "quality"_a, "k"_a, "n_threads"_a);
+
+  m.def("reconstruct_units",
+        [](const KdTree& t, Points p, Points normals, Points centers, Frames frames, Coefficients coef, Doubles radius, Ints neighbors, Doubles tolerance, int threads) {
+          const size_t n = centers.shape(0);
+          std::vector<double> rbf(n * kTerms * 4, 0.0), error(n), worst(3 * n);
+          std::vector<int64_t> terms(n);
+          {
+            nb::gil_scoped_release release;
+            parallel_for(n, 64, threads, [&](int64_t lo, int64_t hi) {
+              std::vector<Neighbor> near;
+              std::vector<double> local;
+              for (int64_t i = lo; i < hi; ++i) {
+                const double *f = frames.data() + 9 * i, *q = coef.data() + 6 * i, r = radius.data()[i];
+                const Vec3 c = load(centers.data() + 3 * i);
+                const Vec3 side = load(f + 6) - q[1] * load(f) - q[2] * load(f + 3);
+                t.nearest(c, neighbors.data()[i], r * r, near);
+                local.clear();
+                for (const Neighbor& k : near) {
+                  const Vec3 d = (1 / r) * (load(p.data() + 3 * k.index) - c);
+                  if (dot(load(normals.data() + 3 * k.index), side) < kSameSide * norm(side)) continue;
+                  local.insert(local.end(), {dot(d, load(f)), dot(d, load(f + 3)), dot(d, load(f + 6))});
+                }
+                const LocalSurface s = reconstruct_unit(local, q, tolerance.data()[i] / r);
+                for (int k = 0; k < s.terms; ++k) {
+                  for (int d = 0; d < 3; ++d) rbf[4 * (i * kTerms + k) + d] = s.term[k][d];
+                  rbf[4 * (i * kTerms + k) + 3] = s.term[k][3];
+                }
+                terms[i] = s.terms, error[i] = s.error * r;
+                store(&worst[3 * i], c + r * (s.worst[0] * load(f) + s.worst[1] * load(f + 3) + s.worst[2] * load(f + 6)));
+              }
+            });
+          }
+          return nb::make_tuple(array(std::move(rbf), {n, (size_t)kTerms, 4}), array(std::move(terms), {n}), array(std::move(error), {n}), array(std::move(worst), {n, 3}));
+        },
+        "tree"_a, "points"_a, "normals"_a, "centers"_a, "frames"_a, "coefficients"_a, "radius"_a, "n_neighbors"_a, "tolerance"_a, "n_threads"_a);
 
   m.def("evaluate_field",
-        [](const KdTree& t, Points x, Points centers, Frames frames, Coefficients coef, Doubles radius, Doubles tolerance, Doubles confidence, int64_t k, int threads) {
+        [](const KdTree& t, Points x, Points centers, Frames frames, Coefficients coef, Doubles radius, Doubles tolerance, Doubles quality, Terms rbf, Ints terms, int64_t k, int threads) {
           const size_t n = x.shape(0);
           std::vector<double> value(n);
           {
             nb::gil_scoped_release release;
-            const RuleView rules{centers.data(), frames.data(), coef.data(), radius.data(), tolerance.data(), confidence.data()};
+            const RuleView rules{centers.data(), frames.data(), coef.data(), radius.data(), tolerance.data(), quality.data(), rbf.data(), terms.data(), (int64_t)rbf.shape(1)};
             parallel_for(n, 256, threads, [&](int64_t lo, int64_t hi) {
               InferenceScratch s;
               for (int64_t i = lo; i < hi; ++i) value[i] = evaluate_field(t, rules, load(x.data() + 3 * i), k, s);
@@ -131,7 +168,7 @@ NB_MODULE(_kernels, m) {
           }
           return array(std::move(value), {n});
         },
-        "tree"_a, "x"_a, "centers"_a, "frames"_a, "coefficients"_a, "radius"_a, "tolerance"_a, "confidence"_a, "k"_a, "n_threads"_a);
+        "tree"_a, "x"_a, "centers"_a, "frames"_a, "coefficients"_a, "radius"_a, "tolerance"_a, "quality"_a, "rbf"_a, "terms"_a, "k"_a, "n_threads"_a);
 
   m.def("typical_data",
         [](Points p, Ints offsets, Ints clusters, int iterations, double tolerance, int threads) {

@@ -2,6 +2,7 @@
 // Signed distance at a place: local implicits of the nearest rules blended by fuzzy basis functions, eq. (9).
 #pragma once
 #include "inference.hpp"
+#include "rlps.hpp"
 
 namespace sofnn {
 
@@ -42,11 +43,13 @@ inline double evaluate_field(const KdTree& tree, const RuleView& rules, Vec3 x, 
     u *= shrink, v *= shrink;
     const double qu = q[1] + 2 * q[3] * u + q[4] * v, qv = q[2] + q[4] * u + 2 * q[5] * v;
     const double inv = 1 / std::sqrt(1 + qu * qu + qv * qv);
-    const double r = (h - (q[0] + q[1] * u + q[2] * v + q[3] * u * u + q[4] * u * v + q[5] * v * v)) * inv;
+    double height = quadric_height(q, u, v);
+    if (rules.terms && rules.terms[j] > 0) height += rbf_terms(rules.rbf + 4 * rules.stride * j, rules.terms[j], u, v, h);
+    const double r = (h - height) * inv;
     s.normal[i] = inv * (load(f + 6) - qu * load(f) - qv * load(f + 3));
     s.foot[i] = load(rules.centers + 3 * j) + (radius * q[0]) * load(f + 6);
     s.height[i] = r * radius;
-    s.reach[i] = -2 * sq + std::log(std::max(rules.confidence[j], 1e-300));
+    s.reach[i] = -2 * sq + std::log(std::max(rules.quality[j], 1e-300));
     nearest = std::max(nearest, s.reach[i]);
     const double z = r / std::max(rules.tolerance[j] / radius, 0.35);
     s.log_weight[i] = s.reach[i] - 0.5 * z * z;

@@ -6,7 +6,10 @@
 namespace sofnn {
 
 struct RuleView {
-  const double *centers, *frames, *coefficients, *radius, *tolerance, *confidence;
+  const double *centers, *frames, *coefficients, *radius, *tolerance, *quality;
+  const double* rbf = nullptr;  // (rules, stride, 4): centre and weight of each term of the local surfaces
+  const int64_t* terms = nullptr;
+  int64_t stride = 0;
 };
 
 struct InferenceScratch {
@@ -37,7 +40,7 @@ inline void infer_normal(const KdTree& tree, const RuleView& rules, Vec3 x, int6
     const double r = (h - (q[0] + q[1] * u + q[2] * v + q[3] * u * u + q[4] * u * v + q[5] * v * v)) * inv * radius;
     s.normal[i] = inv * (load(f + 6) - qu * load(f) - qv * load(f + 3));
     const double z = r / rules.tolerance[j];
-    s.log_weight[i] = -2 * sq - 0.5 * z * z + std::log(std::max(rules.confidence[j], 1e-12));
+    s.log_weight[i] = -2 * sq - 0.5 * z * z + std::log(std::max(rules.quality[j], 1e-12));
     if (s.log_weight[i] > best) best = s.log_weight[i], residual = r;
   }
   Vec3 sum{0, 0, 0};

@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: MIT
+// Reconstruct a local progressive surface (Algorithm 2, RLPS): compactly supported RBFs on top of a rule's quadric.
+#pragma once
+#include "local_fit.hpp"
+
+namespace sofnn {
+
+constexpr int kMaxCenters = 12;  // delta of Algorithm 2
+constexpr int kOffsets = 2;      // offset points of one unit
+constexpr int kTerms = kMaxCenters + kOffsets;
+constexpr double kSameSide = 0.5;        // least cosine between a unit's normal and those of its points
+constexpr double kKernelSupport = 1.0;  // over the radius of the unit
+
+// Wendland's function C2, positive definite in three dimensions; t2 = squared distance over squared support.
+inline double wendland(double t2) {
+  if (t2 >= 1) return 0;
+  const double t = std::sqrt(t2), s = (1 - t) * (1 - t);
+  return s * s * (4 * t + 1);
+}
+
+struct LocalSurface {
+  double term[kTerms][4];  // centre in the frame of the rule, over its radius, and weight
+  int terms = 0, centers_used = 0;
+  double error = 0;  // largest remaining residual, over the radius
+  double worst[3] = {0, 0, 0};
+};
+
+inline double quadric_height(const double* q, double u, double v) {
+  return q[0] + q[1] * u + q[2] * v + q[3] * u * u + q[4] * u * v + q[5] * v * v;
+}
+
+// Sum of the terms (centre, weight) at a place in the frame of the rule.
+inline double rbf_terms(const double* terms, int64_t n, double u, double v, double h) {
+  double sum = 0;
+  for (int64_t i = 0; i < n; ++i, terms += 4) {
+    const double a = u - terms[0], b = v - terms[1], c = h - terms[2];
+    sum += terms[3] * wendland((a * a + b * b + c * c) / (kKernelSupport * kKernelSupport));
+  }
+  return sum;
+}
+
+// Unit data: local coordinates (m, 3) of its points. tolerance: epsilon of Algorithm 2, over the radius.
+inline LocalSurface reconstruct_unit(const std::vector<double>& p, const double* quadric, double tolerance) {
+  LocalSurface f;
+  const int m = static_cast<int>(p.size() / 3);
+  std::vector<double> rest(m);
+  std::vector<char> used(m, 0);
+  int next = -1;
+  double largest = 0;
+  for (int i = 0; i < m; ++i) {
+    rest[i] = p[3 * i + 2] - quadric_height(quadric, p[3 * i], p[3 * i + 1]);
+    if (std::fabs(rest[i]) > largest) largest = std::fabs(rest[i]), next = i;
+  }
+  double target[kTerms];
+  // Offset points: above and below the middle the quadric's distance is left as it is.
+  for (int k = 0; k < kOffsets; ++k) {
+    f.term[k][0] = f.term[k][1] = 0;
+    f.term[k][2] = quadric[0] + (k == 0 ? 0.5 : -0.5);
+    target[k] = f.term[k][3] = 0;
+  }
+  f.terms = kOffsets;
+  while (largest > tolerance && f.centers_used < kMaxCenters && next >= 0) {
+    for (int d = 0; d < 3; ++d) f.term[f.terms][d] = p[3 * next + d];
+    // The field f = h - quadric - sum has to vanish at the centre.
+    target[f.terms] = p[3 * next + 2] - quadric_height(quadric, p[3 * next], p[3 * next + 1]);
+    used[next] = 1;
+    ++f.terms, ++f.centers_used;
+    double a[kTerms * kTerms], b[kTerms];
+    for (int i = 0; i < f.terms; ++i) {
+      b[i] = target[i];
+      for (int j = 0; j <= i; ++j) {
+        const double x = f.term[i][0] - f.term[j][0], y = f.term[i][1] - f.term[j][1],
+                     z = f.term[i][2] - f.term[j][2];
+        a[i * kTerms + j] = wendland((x * x + y * y + z * z) / (kKernelSupport * kKernelSupport)) + (i == j ? 1e-6 : 0);
+      }
+    }
+    if (!cholesky(a, f.terms, kTerms)) {  // a centre on top of another one: this one adds nothing
+      --f.terms, --f.centers_used;
+      break;
+    }
+    cholesky_solve(a, f.terms, kTerms, b);
+    for (int i = 0; i < f.terms; ++i) f.term[i][3] = b[i];
+    largest = 0, next = -1;
+    for (int i = 0; i < m; ++i) {
+      const double r = rest[i] - rbf_terms(f.term[0], f.terms, p[3 * i], p[3 * i + 1], p[3 * i + 2]);
+      if (!used[i] && std::fabs(r) > largest) largest = std::fabs(r), next = i;
+    }
+  }
+  f.error = largest;
+  if (next >= 0)
+    for (int d = 0; d < 3; ++d) f.worst[d] = p[3 * next + d];
+  if (f.centers_used == 0) f.terms = 0;
+  return f;
+}
+
+}  // namespace sofnn

@@ -1,0 +1,23 @@
+"""Slow, readable numpy twins of the native kernels: what these compute, and their tests' oracle.
+
+Each twin takes the arguments of its kernel in the same order, with points in place of a tree over
+them and without a number of threads, and returns arrays of the same shapes. Nothing in the package
+calls them.
+"""
+
+from .field import evaluate_field
+from .inference import infer_normals
+from .local_fit import fit_rules, fit_scales
+from .neighbors import query
+from .typical_data import typical_data
+from .winding import evaluate_winding
+
+__all__ = [
+    "evaluate_field",
+    "evaluate_winding",
+    "fit_rules",
+    "fit_scales",
+    "infer_normals",
+    "query",
+    "typical_data",
+]

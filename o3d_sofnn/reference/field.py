@@ -1,0 +1,90 @@
+"""Signed distance from the nearest rules: twin of ``native/field.hpp``."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .inference import Contribution, contributions
+from .neighbors import query
+
+Array = NDArray[np.float64]
+
+SAME_FACE = (0.2, 0.8)
+"""Range of the cosine between two normals above which their rules belong to one face."""
+FACES = 3
+"""Largest number of faces that meet."""
+FAINT = -3.0
+"""Logarithm of the least membership of a face, over the largest one."""
+BLUR = 0.35
+"""Least width of the membership in the residual, over the radius."""
+
+
+def evaluate_field(
+    x: Array,
+    centers: Array,
+    frames: Array,
+    coefficients: Array,
+    radius: Array,
+    tolerance: Array,
+    confidence: Array,
+    k: int,
+) -> Array:
+    """Blend the local implicits of the nearest rules by fuzzy basis functions, eq. (7) and (9).
+
+    Rules are gathered into faces by their normals. Within a face, heights are blended; faces
+    combine as solids do, by intersection where they meet in a convex edge and by union elsewhere
+    (Ohtake et al. 2003, sharp features of MPU).
+
+    Parameters
+    ----------
+    x, centers, frames, coefficients, radius, tolerance, confidence, k
+        As in :func:`o3d_sofnn.reference.inference.infer_normals`.
+
+    Returns
+    -------
+    (m,) float64
+        Signed distance, negative inside, in the unit of the points.
+    """
+    values = np.zeros(len(x))
+    for row, index in enumerate(query(centers, x, min(k, len(centers)), np.inf)[1]):
+        rule = contributions(
+            x[row], centers[index], frames[index], coefficients[index], radius[index]
+        )
+        near = -2.0 * rule.reach + np.log(np.maximum(confidence[index], 1e-300))
+        z = rule.residual / np.maximum(tolerance[index], BLUR * radius[index])
+        # The noisier a rule is, the more its neighbours may differ for no reason but noise.
+        same = np.clip(0.9 - 5.0 * tolerance[index] / radius[index], *SAME_FACE)
+        values[row] = _combine(rule, near, near - 0.5 * z**2, same)
+    return values
+
+
+def _combine(rule: Contribution, near: Array, membership: Array, same: Array) -> float:
+    free = np.ones(len(near), bool)
+    first = np.zeros(len(near), bool)
+    value = 0.0
+    for number in range(FACES):
+        eligible = free & ((near > near.max() + FAINT) | (number == 0))
+        if not eligible.any():
+            break
+        best = int(np.where(eligible, membership, -np.inf).argmax())
+        face = free & (rule.normal @ rule.normal[best] >= same[best])
+        weight = np.exp(membership[face] - membership[face].max())
+        height = float(weight @ rule.residual[face] / weight.sum())  # Eq. (7) and (9)
+        free &= ~face
+        if number == 0:
+            value, first = height, face
+        elif _meet_convex(rule, near, first, face):
+            value = max(value, height)
+        else:
+            value = min(value, height)
+    return value
+
+
+def _meet_convex(rule: Contribution, near: Array, first: Array, second: Array) -> bool:
+    """Two faces meet in a convex edge when each lies behind the other; all pairs of rules vote."""
+    apart = rule.foot[second] - rule.foot[first][:, None]
+    ahead = (apart * rule.normal[first][:, None]).sum(axis=2)  # of a rule of the first face
+    behind = (apart * rule.normal[second]).sum(axis=2)
+    weight = np.exp(near - near.max())
+    return bool(weight[first] @ (ahead - behind) @ weight[second] < 0.0)

@@ -1,0 +1,123 @@
+"""Normals by product inference over the nearest rules: twin of ``native/inference.hpp``."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .neighbors import query
+
+Array = NDArray[np.float64]
+
+
+class Contribution(NamedTuple):
+    """What the nearest rules say about one place, one row a rule."""
+
+    reach: Array
+    """Squared distance in the tangent plane, over the radius."""
+    residual: Array
+    """Signed distance to the quadric, in the unit of the points."""
+    normal: Array
+    """Unit normal of the quadric."""
+    foot: Array
+    """Centre of the rule, moved onto its quadric."""
+
+
+def contributions(
+    place: Array, centers: Array, frames: Array, coefficients: Array, radius: Array
+) -> Contribution:
+    """Evaluate the consequents of some rules at one place.
+
+    Parameters
+    ----------
+    place : (3,) float64
+        Where.
+    centers : (k, 3) float64
+        Centres of the rules.
+    frames : (k, 3, 3) float64
+        Rows: two tangents and the normal.
+    coefficients : (k, 6) float64
+        Quadrics, lengths over the radius.
+    radius : (k,) float64
+        Radii of the fits.
+
+    Returns
+    -------
+    Contribution
+    """
+    d = (place - centers) / radius[:, None]
+    u, v, h = np.einsum("kad,kd->ak", frames, d)
+    reach = u**2 + v**2
+    inside = 1.0 / np.sqrt(np.maximum(reach, 1.0))  # no extrapolation beyond the data of the fit
+    u, v = u * inside, v * inside
+    c0, c1, c2, c3, c4, c5 = coefficients.T
+    height = c0 + c1 * u + c2 * v + c3 * u**2 + c4 * u * v + c5 * v**2
+    slope_u, slope_v = c1 + 2.0 * c3 * u + c4 * v, c2 + c4 * u + 2.0 * c5 * v
+    tilt = 1.0 / np.sqrt(1.0 + slope_u**2 + slope_v**2)
+    normal = frames[:, 2] - slope_u[:, None] * frames[:, 0] - slope_v[:, None] * frames[:, 1]
+    return Contribution(
+        reach=reach,
+        residual=(h - height) * tilt * radius,
+        normal=normal * tilt[:, None],
+        foot=centers + (radius * c0)[:, None] * frames[:, 2],
+    )
+
+
+def infer_normals(
+    x: Array,
+    centers: Array,
+    frames: Array,
+    coefficients: Array,
+    radius: Array,
+    tolerance: Array,
+    confidence: Array,
+    k: int,
+) -> tuple[Array, Array]:
+    """Infer a normal at every place, eq. (7) with the fuzzy basis functions of eq. (9).
+
+    The membership in a rule is a Gaussian in the tangent plane, half the radius wide, times a
+    Gaussian in the residual to the quadric, times the confidence.
+
+    Parameters
+    ----------
+    x : (m, 3) float64
+        Places.
+    centers : (r, 3) float64
+        Centres of the rules.
+    frames : (r, 3, 3) float64
+        Rows: two tangents and the normal.
+    coefficients : (r, 6) float64
+        Quadrics, lengths over the radius.
+    radius : (r,) float64
+        Radii of the fits, in the unit of the points.
+    tolerance : (r,) float64
+        Width of the Gaussian in the residual, in the unit of the points.
+    confidence : (r,) float64
+        Weight of each rule, 0 to 1.
+    k : int
+        Nearest rules that take part.
+
+    Returns
+    -------
+    normals : (m, 3) float64
+        Unit.
+    info : (m, 2) float64
+        Agreement of the rules that took part (0 to 1), residual to the best one.
+    """
+    normals, info = np.zeros((len(x), 3)), np.zeros((len(x), 2))
+    for row, index in enumerate(query(centers, x, min(k, len(centers)), np.inf)[1]):
+        rule = contributions(
+            x[row], centers[index], frames[index], coefficients[index], radius[index]
+        )
+        z = rule.residual / tolerance[index]
+        membership = -2.0 * rule.reach - 0.5 * z**2 + np.log(np.maximum(confidence[index], 1e-12))
+        best = int(membership.argmax())
+        weight = np.exp(membership - membership[best])
+        weight /= weight.sum()  # Eq. (9)
+        mean = weight @ rule.normal  # Eq. (7)
+        agreement = float(np.linalg.norm(mean))
+        normals[row] = mean / agreement if agreement >= 1e-6 else rule.normal[best]
+        info[row] = min(agreement, 1.0) if agreement >= 1e-6 else 1.0, rule.residual[best]
+    return normals, info

@@ -1,0 +1,102 @@
+"""Stage 7: reconstruct local progressive surfaces (Algorithm 2, RLPS)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _kernels
+from .rules import RuleBase
+
+NOISE_PRECISION = 3.0
+"""Precision epsilon over the noise level: residuals up to here are noise, not shape."""
+SHAPE_PRECISION = 1e-3
+"""Least precision, over the radius of a unit."""
+
+
+@dataclass(frozen=True)
+class LocalSurfaces:
+    """One local implicit per unit: the quadric of its rule and radial basis functions on top.
+
+    Attributes
+    ----------
+    terms : (r, t, 4) float64
+        Centre, in the frame of the rule and over its radius, and weight of each basis function.
+    n_terms : (r,) int64
+        How many of the terms are in use.
+    error : (r,) float64
+        Largest residual that is left at a point of the unit, in the unit of the points.
+    worst : (r, 3) float64
+        The point that has it.
+    precision : (r,) float64
+        Epsilon of each unit.
+    offset_points : int
+        Offset points used: two for each unit that needed centres.
+    """
+
+    terms: NDArray[np.float64]
+    n_terms: NDArray[np.int64]
+    error: NDArray[np.float64]
+    worst: NDArray[np.float64]
+    precision: NDArray[np.float64]
+    offset_points: int
+
+    @property
+    def unresolved(self) -> NDArray[np.bool_]:
+        """Units whose largest residual exceeds the precision: step 3 of Algorithm 2 divides them."""
+        return self.error > self.precision
+
+
+def reconstruct_units(
+    rules: RuleBase,
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    tree: _kernels.KdTree,
+    n_threads: int,
+) -> LocalSurfaces:
+    """Refine the local surface of every rule until its points are met.
+
+    The rough set starts with the point whose residual to the quadric is largest, and two offset
+    points of the unit (not of the points), above and below its middle, where the quadric's distance
+    is kept. While the largest residual exceeds the precision and the set is small enough, the point
+    that has it is appended and the function computed anew.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Oriented rules, one a unit.
+    points, normals : (n, 3) float64
+        Distinct points and their oriented normals: only points on the side of the unit count.
+    tree : KdTree
+        Over `points`.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    LocalSurfaces
+    """
+    precision = np.maximum(NOISE_PRECISION * rules.noise, SHAPE_PRECISION * rules.radius)
+    terms, n_terms, error, worst = _kernels.reconstruct_units(
+        tree,
+        points,
+        normals,
+        rules.centers,
+        np.ascontiguousarray(rules.frames),
+        np.ascontiguousarray(rules.coefficients),
+        rules.radius,
+        rules.n_neighbors,
+        precision,
+        n_threads,
+    )
+    used = np.asarray(n_terms)
+    return LocalSurfaces(
+        np.asarray(terms),
+        used,
+        np.asarray(error),
+        np.asarray(worst),
+        precision,
+        2 * int((used > 0).sum()),
+    )
