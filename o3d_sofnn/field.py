@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _kernels
+from .orientation import cell_areas
 from .rlps import LocalSurfaces
 from .rules import RuleBase
 
@@ -119,23 +120,3 @@ def fade(x: NDArray[np.float64], low: float, high: float) -> NDArray[np.float64]
     """Smooth step from 1 at `low` to 0 at `high`."""
     t = np.clip((high - x) / (high - low), 0.0, 1.0)
     return np.asarray(t * t * (3.0 - 2.0 * t))
-
-
-def cell_areas(x: NDArray[np.float64], n_threads: int) -> NDArray[np.float64]:
-    """Area of surface around each sample, from the distance of its neighbours.
-
-    Parameters
-    ----------
-    x : (n, 3) float64
-        Samples.
-    n_threads : int
-        Threads.
-
-    Returns
-    -------
-    (n,) float64
-        ``pi r_k^2 / k`` with the k nearest.
-    """
-    k = min(9, len(x))
-    distance, _ = _kernels.KdTree(x, n_threads).query(x, k, np.inf, n_threads)
-    return np.asarray(np.pi * distance[:, -1] ** 2 / max(k - 0.5, 1.0))

@@ -18,6 +18,8 @@ CORNERS = np.array([(c & 1, c >> 1 & 1, c >> 2 & 1) for c in range(8)], np.int64
 EDGES = [(c, axis) for axis in range(3) for c in range(8) if not c >> axis & 1]
 """The twelve edges: lower corner and axis."""
 EDGE_OF = {(c, c | 1 << axis): e for e, (c, axis) in enumerate(EDGES)}
+NUDGE = 0.02
+"""Least distance of a vertex from a node, over the length of the edge: no triangle loses its area."""
 MIDDLE = 12
 """Number of the first vertex inside a cube; a cube has at most four loops."""
 
@@ -149,7 +151,7 @@ def marching_cubes(
     order = np.argsort(flat, kind="stable")
     end = cubes[:, high].ravel()[order[np.searchsorted(flat[order], used[on_edge])]]
     a, b = values[start], values[end]
-    t = (a / (a - b))[:, None]
+    t = np.clip(a / (a - b), NUDGE, 1.0 - NUDGE)[:, None]
     vertices[on_edge] = nodes[start] + t * (nodes[end] - nodes[start])
 
     which = used[~on_edge] - 3 * len(values)

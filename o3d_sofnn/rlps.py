@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from . import _kernels
 from .rules import RuleBase
 
-NOISE_PRECISION = 3.0
+NOISE_PRECISION = 4.0
 """Precision epsilon over the noise level: residuals up to here are noise, not shape."""
 SHAPE_PRECISION = 1e-3
 """Least precision, over the radius of a unit."""

@@ -15,7 +15,7 @@ LEAF = 32
 """Points in an octree leaf, the piece of data that one fuzzy c-means run sees."""
 RULES_PER_NEIGHBORHOOD = 8.0
 """Rules whose centres lie in the neighbourhood of one fit: how far neighbouring fits overlap."""
-NOISE_TOLERANCE = 1.0
+NOISE_TOLERANCE = 1.4
 """Width of the membership in the residual, over the noise level."""
 SHAPE_TOLERANCE = 0.02
 """The same over the radius of the fit: what a quadric leaves of a clean shape."""

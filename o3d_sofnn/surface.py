@@ -19,8 +19,6 @@ MARGIN = 8
 """Cubes between the data and the wall of the domain, outside of which there is no inside."""
 SAMPLES = 16
 """Fewest samples on a closed piece of surface that is kept."""
-NUDGE = 0.02
-"""Least distance of the surface from a node, over the edge of a cube: no slivers, no zeros."""
 
 
 class SparseGrid:
@@ -94,15 +92,11 @@ def extract(
     fresh = grid.cubes_at(seeds)
     while len(fresh):
         corners = fresh[:, None] + corner_steps
-        wanted = np.setdiff1d(corners, nodes)
+        wanted, place = _missing(np.unique(corners), nodes)
         found, _ = evaluate(grid.positions(wanted))
         found = np.where(grid.on_wall(wanted), np.maximum(found, size), found)
-        found = np.where(
-            found < 0, np.minimum(found, -NUDGE * size), np.maximum(found, NUDGE * size)
-        )
-        place = np.searchsorted(nodes, wanted)
         nodes, values = np.insert(nodes, place, wanted), np.insert(values, place, found)
-        cubes = np.union1d(cubes, fresh)
+        cubes = np.insert(cubes, np.searchsorted(cubes, fresh), fresh)
         inside = values[np.searchsorted(nodes, corners)] < 0
         neighbors = []
         for axis in range(3):
@@ -110,9 +104,20 @@ def extract(
                 face = inside[:, CORNERS[:, axis] == side]
                 crossed = face.any(axis=1) & ~face.all(axis=1)
                 neighbors.append(fresh[crossed] + (2 * side - 1) * grid.steps[axis])
-        fresh = np.setdiff1d(np.concatenate(neighbors), cubes)
+        fresh, _ = _missing(np.unique(np.concatenate(neighbors)), cubes)
     index = np.searchsorted(nodes, cubes[:, None] + corner_steps)
     return marching_cubes(values, grid.positions(nodes), index)
+
+
+def _missing(
+    keys: NDArray[np.int64], known: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Those of the sorted `keys` that are not in the sorted `known`, and where they belong."""
+    place = np.searchsorted(known, keys)
+    there = np.zeros(len(keys), bool)
+    if len(known):
+        there = known[np.minimum(place, len(known) - 1)] == keys
+    return keys[~there], place[~there]
 
 
 def choose_voxel_size(

@@ -9,6 +9,7 @@ from .field import evaluate_field
 from .inference import infer_normals
 from .local_fit import fit_rules, fit_scales
 from .neighbors import query
+from .rlps import reconstruct_units
 from .typical_data import typical_data
 from .winding import evaluate_winding
 
@@ -19,5 +20,6 @@ __all__ = [
     "fit_scales",
     "infer_normals",
     "query",
+    "reconstruct_units",
     "typical_data",
 ]

@@ -27,7 +27,9 @@ def evaluate_field(
     coefficients: Array,
     radius: Array,
     tolerance: Array,
-    confidence: Array,
+    quality: Array,
+    rbf: Array,
+    terms: NDArray[np.int64],
     k: int,
 ) -> Array:
     """Blend the local implicits of the nearest rules by fuzzy basis functions, eq. (7) and (9).
@@ -38,8 +40,11 @@ def evaluate_field(
 
     Parameters
     ----------
-    x, centers, frames, coefficients, radius, tolerance, confidence, k
+    x, centers, frames, coefficients, radius, tolerance, quality, k
         As in :func:`o3d_sofnn.reference.inference.infer_normals`.
+    rbf, terms
+        Basis functions on top of the quadrics and how many, as
+        :func:`o3d_sofnn.reference.rlps.reconstruct_units` returns them.
 
     Returns
     -------
@@ -49,9 +54,14 @@ def evaluate_field(
     values = np.zeros(len(x))
     for row, index in enumerate(query(centers, x, min(k, len(centers)), np.inf)[1]):
         rule = contributions(
-            x[row], centers[index], frames[index], coefficients[index], radius[index]
+            x[row],
+            centers[index],
+            frames[index],
+            coefficients[index],
+            radius[index],
+            [rbf[rule, : terms[rule]] for rule in index],
         )
-        near = -2.0 * rule.reach + np.log(np.maximum(confidence[index], 1e-300))
+        near = -2.0 * rule.reach + np.log(np.maximum(quality[index], 1e-300))
         z = rule.residual / np.maximum(tolerance[index], BLUR * radius[index])
         # The noisier a rule is, the more its neighbours may differ for no reason but noise.
         same = np.clip(0.9 - 5.0 * tolerance[index] / radius[index], *SAME_FACE)

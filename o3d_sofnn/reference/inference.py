@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .neighbors import query
+from .rlps import basis, quadric_height
 
 Array = NDArray[np.float64]
 
@@ -18,7 +19,7 @@ class Contribution(NamedTuple):
     reach: Array
     """Squared distance in the tangent plane, over the radius."""
     residual: Array
-    """Signed distance to the quadric, in the unit of the points."""
+    """Signed distance to the local surface, in the unit of the points."""
     normal: Array
     """Unit normal of the quadric."""
     foot: Array
@@ -26,7 +27,12 @@ class Contribution(NamedTuple):
 
 
 def contributions(
-    place: Array, centers: Array, frames: Array, coefficients: Array, radius: Array
+    place: Array,
+    centers: Array,
+    frames: Array,
+    coefficients: Array,
+    radius: Array,
+    terms: list[Array] | None = None,
 ) -> Contribution:
     """Evaluate the consequents of some rules at one place.
 
@@ -42,6 +48,8 @@ def contributions(
         Quadrics, lengths over the radius.
     radius : (k,) float64
         Radii of the fits.
+    terms : list of (t, 4) float64, optional
+        Basis functions on top of each quadric; None for the quadrics alone.
 
     Returns
     -------
@@ -52,8 +60,11 @@ def contributions(
     reach = u**2 + v**2
     inside = 1.0 / np.sqrt(np.maximum(reach, 1.0))  # no extrapolation beyond the data of the fit
     u, v = u * inside, v * inside
+    height = quadric_height(coefficients, u, v)
+    for row, local in enumerate(terms or []):
+        here = np.array([[u[row], v[row], h[row]]])
+        height[row] += (basis(here, local[:, :3]) @ local[:, 3])[0]
     c0, c1, c2, c3, c4, c5 = coefficients.T
-    height = c0 + c1 * u + c2 * v + c3 * u**2 + c4 * u * v + c5 * v**2
     slope_u, slope_v = c1 + 2.0 * c3 * u + c4 * v, c2 + c4 * u + 2.0 * c5 * v
     tilt = 1.0 / np.sqrt(1.0 + slope_u**2 + slope_v**2)
     normal = frames[:, 2] - slope_u[:, None] * frames[:, 0] - slope_v[:, None] * frames[:, 1]
@@ -72,13 +83,13 @@ def infer_normals(
     coefficients: Array,
     radius: Array,
     tolerance: Array,
-    confidence: Array,
+    quality: Array,
     k: int,
 ) -> tuple[Array, Array]:
     """Infer a normal at every place, eq. (7) with the fuzzy basis functions of eq. (9).
 
     The membership in a rule is a Gaussian in the tangent plane, half the radius wide, times a
-    Gaussian in the residual to the quadric, times the confidence.
+    Gaussian in the residual to the quadric, times the quality.
 
     Parameters
     ----------
@@ -94,7 +105,7 @@ def infer_normals(
         Radii of the fits, in the unit of the points.
     tolerance : (r,) float64
         Width of the Gaussian in the residual, in the unit of the points.
-    confidence : (r,) float64
+    quality : (r,) float64
         Weight of each rule, 0 to 1.
     k : int
         Nearest rules that take part.
@@ -112,7 +123,7 @@ def infer_normals(
             x[row], centers[index], frames[index], coefficients[index], radius[index]
         )
         z = rule.residual / tolerance[index]
-        membership = -2.0 * rule.reach - 0.5 * z**2 + np.log(np.maximum(confidence[index], 1e-12))
+        membership = -2.0 * rule.reach - 0.5 * z**2 + np.log(np.maximum(quality[index], 1e-12))
         best = int(membership.argmax())
         weight = np.exp(membership - membership[best])
         weight /= weight.sum()  # Eq. (9)

@@ -1,0 +1,160 @@
+"""Native kernels: the loops over points, rules, cells and grid nodes.
+
+Arrays are C-contiguous and on the host: float64 but for the int64 counts and offsets. Kernels check
+types and shapes, not values or lengths; they release the GIL, have no global state, and their
+results do not depend on ``n_threads``. :mod:`o3d_sofnn.reference` has a slow twin of each.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+_Floats = NDArray[np.float64]
+_Ints = NDArray[np.int64]
+
+class KdTree:
+    """Tree over points (n, 3), which are copied.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    n_threads : int
+    """
+
+    def __init__(self, points: _Floats, n_threads: int) -> None: ...
+    @property
+    def size(self) -> int:
+        """Number of points."""
+
+    def query(
+        self, x: _Floats, k: int, max_distance: float, n_threads: int
+    ) -> tuple[_Floats, _Ints]:
+        """Find the `k` nearest points of every row of `x` within `max_distance`.
+
+        Returns distances and indices, (m, k) each, nearest first, of equally near ones the smaller
+        index first. Infinity and ``size`` fill rows with fewer neighbours.
+        """
+
+def fit_scales(
+    tree: KdTree, points: _Floats, centers: _Floats, scales: _Ints, n_threads: int
+) -> tuple[_Floats, _Floats]:
+    """Fit quadrics around `centers` (m, 3) to the nearest `scales` (s,) points, ascending.
+
+    Returns unit normals (m, s, 3) of either sign, and (m, s, 4): residual (root mean square),
+    standard error of the normal (radians), radius, surface variation.
+    """
+
+def fit_rules(
+    tree: KdTree,
+    points: _Floats,
+    centers: _Floats,
+    n_neighbors: _Ints,
+    robust: _Floats,
+    iterations: int,
+    normals: _Floats | None,
+    sides: _Floats | None,
+    n_threads: int,
+) -> tuple[_Floats, _Floats, _Floats, _Floats]:
+    """Fit one quadric around each centre, to its own number of neighbours (r,).
+
+    `robust` (r,) is the width of a residual weight that is iterated, 0 for none; with `normals`
+    (n, 3) and `sides` (r, 3) points that face away from their rule do not count.
+
+    Returns feet (r, 3), frames (r, 3, 3) with rows tangent, tangent, normal, coefficients (r, 6) of
+    ``h = c0 + c1 u + c2 v + c3 u^2 + c4 uv + c5 v^2`` with lengths over the radius, and (r, 4) as
+    :func:`fit_scales`.
+    """
+
+def infer_normals(
+    tree: KdTree,
+    x: _Floats,
+    centers: _Floats,
+    frames: _Floats,
+    coefficients: _Floats,
+    radius: _Floats,
+    tolerance: _Floats,
+    quality: _Floats,
+    k: int,
+    n_threads: int,
+) -> tuple[_Floats, _Floats]:
+    """Infer a normal at every row of `x` from the `k` nearest rules, eq. (7) and (9).
+
+    `tree` is over `centers`. Returns unit normals (m, 3), and (m, 2): agreement of the rules,
+    residual to the best one.
+    """
+
+def reconstruct_units(
+    tree: KdTree,
+    points: _Floats,
+    normals: _Floats,
+    centers: _Floats,
+    frames: _Floats,
+    coefficients: _Floats,
+    radius: _Floats,
+    n_neighbors: _Ints,
+    tolerance: _Floats,
+    n_threads: int,
+) -> tuple[_Floats, _Ints, _Floats, _Floats]:
+    """Refine the quadric of every rule until its points are met, Algorithm 2.
+
+    `tree` is over `points`, `tolerance` (r,) is the precision. Returns basis functions (r, t, 4)
+    as centre and weight, the number of them in use (r,), the largest residual left (r,), and where
+    it is (r, 3).
+    """
+
+def evaluate_field(
+    tree: KdTree,
+    x: _Floats,
+    centers: _Floats,
+    frames: _Floats,
+    coefficients: _Floats,
+    radius: _Floats,
+    tolerance: _Floats,
+    quality: _Floats,
+    rbf: _Floats,
+    terms: _Ints,
+    k: int,
+    n_threads: int,
+) -> _Floats:
+    """Signed distance (m,) at every row of `x`, blended from the `k` nearest rules, eq. (9).
+
+    `tree` is over `centers`; `rbf` and `terms` come from :func:`reconstruct_units`.
+    """
+
+def typical_data(
+    points: _Floats,
+    offsets: _Ints,
+    n_clusters: _Ints,
+    iterations: int,
+    tolerance: float,
+    n_threads: int,
+) -> _Floats:
+    """Fuzzy c-means in every cell ``points[offsets[i]:offsets[i + 1]]``, eq. (1) to (6).
+
+    Returns centres (sum of `n_clusters`, 3), cell by cell.
+    """
+
+class WindingTree:
+    """Tree over sources (n, 3); `area` (n,) is their share in the centres of its nodes.
+
+    Sums are single precision, relative to the mean of the points.
+    """
+
+    def __init__(self, points: _Floats, area: _Floats) -> None: ...
+    def order(self) -> _Ints:
+        """Order (n,) in which consecutive points lie close together."""
+
+    def evaluate(
+        self,
+        mu: _Floats | None,
+        charge: _Floats | None,
+        x: _Floats,
+        width: _Floats,
+        theta: float,
+        n_threads: int,
+    ) -> tuple[_Floats, _Floats, _Floats]:
+        """Sum dipoles `mu` (n, 3) and charges (n,) at every row of `x`, smoothed over `width` (m,).
+
+        A node that looks smaller than the opening angle `theta` is summed at its centre;
+        consecutive places share that decision. Returns winding number (m,), its downhill gradient
+        (m, 3), and the transposed operator of the charges (m, 3).
+        """
