@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _kernels
-from .orientation import cell_areas
+from .octree import morton_keys
+from .orientation import OPENING, cell_areas
 from .rlps import LocalSurfaces
 from .rules import RuleBase
 
@@ -71,7 +72,7 @@ class Field:
         """Winding number of the oriented rules at `x`, (m,)."""
         width = np.full(len(x), WIDTH * self._width)
         return np.asarray(
-            self._far_tree.evaluate(self._dipoles, None, x, width, 0.4, self.n_threads)[0]
+            self._far_tree.evaluate(self._dipoles, None, x, width, OPENING, self.n_threads)[0]
         )
 
     def __call__(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -80,7 +81,7 @@ class Field:
         Parameters
         ----------
         x : (m, 3) float64
-            Places, best in an order in which neighbours are close.
+            Places.
 
         Returns
         -------
@@ -89,13 +90,22 @@ class Field:
         support : (m,) float64
             1 on the data, 0 far away from it.
         """
+        keys, _ = morton_keys(x)
+        order = np.argsort(keys, kind="stable")  # the kernels share work between neighbours
+        values, share = np.empty(len(x)), np.empty(len(x))
+        values[order], share[order] = self._evaluate(np.ascontiguousarray(x[order]))
+        return values, share
+
+    def _evaluate(
+        self, x: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         distance, nearest = self._samples.query(x, 1, np.inf, self.n_threads)
         share = fade(distance[:, 0] / self._spacing[nearest[:, 0]], *REACH)
         excess = self.level - self.winding_number(x)
         weight = share * fade(np.abs(excess), *CERTAIN)
         far = self._width * excess
         values = far.copy()
-        near = np.flatnonzero(weight > 0.0)
+        near = np.flatnonzero(share > 0.0)
         local = _kernels.evaluate_field(
             self._tree,
             np.ascontiguousarray(x[near]),

@@ -93,9 +93,10 @@ def extract(
     while len(fresh):
         corners = fresh[:, None] + corner_steps
         wanted, place = _missing(np.unique(corners), nodes)
-        found, _ = evaluate(grid.positions(wanted))
-        found = np.where(grid.on_wall(wanted), np.maximum(found, size), found)
-        nodes, values = np.insert(nodes, place, wanted), np.insert(values, place, found)
+        if len(wanted):
+            found, _ = evaluate(grid.positions(wanted))
+            found = np.where(grid.on_wall(wanted), np.maximum(found, size), found)
+            nodes, values = np.insert(nodes, place, wanted), np.insert(values, place, found)
         cubes = np.insert(cubes, np.searchsorted(cubes, fresh), fresh)
         inside = values[np.searchsorted(nodes, corners)] < 0
         neighbors = []
