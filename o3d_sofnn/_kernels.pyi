@@ -120,6 +120,24 @@ def evaluate_field(
     `tree` is over `centers`; `rbf` and `terms` come from :func:`reconstruct_units`.
     """
 
+def basis_functions(
+    tree: KdTree,
+    x: _Floats,
+    centers: _Floats,
+    frames: _Floats,
+    coefficients: _Floats,
+    radius: _Floats,
+    tolerance: _Floats,
+    quality: _Floats,
+    k: int,
+    n_threads: int,
+) -> tuple[_Ints, _Floats, _Floats]:
+    """Evaluate the fuzzy basis functions of the `k` nearest rules at every row of `x`, eq. (9).
+
+    `tree` is over `centers`. Returns rules, values that sum to one, and signed distances to the
+    quadrics, (m, k) each; zeros where there are fewer than `k` rules.
+    """
+
 def typical_data(
     points: _Floats,
     offsets: _Ints,

@@ -19,7 +19,8 @@ from .octree import sort_unique
 from .orientation import face, orient
 from .rlps import reconstruct_units
 from .results import NormalEstimate, SurfaceEstimate
-from .rules import RuleBase, fit_rules, grow, infer_normals, typical_data
+from .growth import adjust, combine, generate
+from .rules import RuleBase, fit_rules, infer_normals, typical_data
 from .surface import attribute_weights, choose_voxel_size, extract, keep_supported
 
 __all__ = ["NormalEstimate", "SurfaceEstimate", "estimate_normals", "reconstruct_surface"]
@@ -261,7 +262,7 @@ def _learn(
             rules = face(rules, place, towards, threads)
     with clock.stage("growth"):
         sides, _, residual = infer_normals(rules, clean, threads)
-        centers, size, noise = grow(rules, clean, tree, residual, threads)
+        centers, size, noise = generate(rules, clean, residual, threads)
         side = infer_normals(rules, centers, threads)[0]
         rules = fit_rules(
             clean,
@@ -274,6 +275,7 @@ def _learn(
             sides=np.concatenate([rules.normals, side]),
             confidence=np.concatenate([rules.confidence, np.ones(len(centers))]),
         )
+        rules = adjust(combine(rules, threads), clean, threads)
     return _Learned(x, inverse, tree, scale, inliers, rules, middle, extent, warnings)
 
 

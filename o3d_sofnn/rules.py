@@ -19,10 +19,8 @@ NOISE_TOLERANCE = 1.4
 """Width of the membership in the residual, over the noise level."""
 SHAPE_TOLERANCE = 0.02
 """The same over the radius of the fit: what a quadric leaves of a clean shape."""
-GROWTH_ERROR = 3.0
-"""System error, over the tolerance, above which a new rule is considered (section 3.2)."""
-GROWTH_WIDTH = 1.1
-"""Factor k of eq. (10)."""
+ROBUST = 2.0
+"""Width of the residual weight in the second fit, over the noise level."""
 
 
 @dataclass(frozen=True)
@@ -211,10 +209,6 @@ def fit_rules(
     return rules if sides is None else rules.facing(sides)
 
 
-ROBUST = 2.0
-"""Width of the residual weight in the second fit, over the noise level."""
-
-
 def infer_normals(
     rules: RuleBase, x: NDArray[np.float64], n_threads: int, *, k: int = 12
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -258,43 +252,3 @@ def infer_normals(
         n_threads,
     )
     return np.asarray(normals), np.asarray(info[:, 0]), np.asarray(info[:, 1])
-
-
-def grow(
-    rules: RuleBase,
-    points: NDArray[np.float64],
-    tree: _kernels.KdTree,
-    residual: NDArray[np.float64],
-    n_threads: int,
-) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-    """Find where new rules are needed (section 3.2, generation of neurons).
-
-    Parameters
-    ----------
-    rules : RuleBase
-        Rules so far.
-    points : (n, 3) float64
-        Distinct points.
-    tree : KdTree
-        Over `points`.
-    residual : (n,) float64
-        System error of each point.
-    n_threads : int
-        Threads.
-
-    Returns
-    -------
-    centers, n_neighbors, noise
-        Arguments for :func:`fit_rules`, for the new rules alone.
-    """
-    rule_tree = _kernels.KdTree(rules.centers, n_threads)
-    d_min, nearest = rule_tree.query(points, 1, np.inf, n_threads)
-    d_min, nearest = d_min[:, 0], nearest[:, 0]
-    spacing = rules.radius[nearest] * np.sqrt(np.pi / rules.n_neighbors[nearest]) / 1.1
-    missing = (np.abs(residual) > GROWTH_ERROR * rules.tolerance[nearest]) & (d_min > 0.5 * spacing)
-    place = np.flatnonzero(missing)[::2]  # Morton order: every second one of a group
-    width = GROWTH_WIDTH * d_min[place]  # Eq. (10)
-    share = (2.0 * width / rules.radius[nearest[place]]) ** 2
-    size = np.clip(np.rint(rules.n_neighbors[nearest[place]] * share), 8, None)
-    size = np.minimum(size.astype(np.int64), rules.n_neighbors[nearest[place]])
-    return points[place], np.maximum(size, min(8, tree.size)), rules.noise[nearest[place]]

@@ -170,6 +170,29 @@ NB_MODULE(_kernels, m) {
         },
         "tree"_a, "x"_a, "centers"_a, "frames"_a, "coefficients"_a, "radius"_a, "tolerance"_a, "quality"_a, "rbf"_a, "terms"_a, "k"_a, "n_threads"_a);
 
+  m.def("basis_functions",
+        [](const KdTree& t, Points x, Points centers, Frames frames, Coefficients coef, Doubles radius, Doubles tolerance, Doubles quality, int64_t k, int threads) {
+          const size_t n = x.shape(0);
+          std::vector<double> share(n * k, 0.0), height(n * k, 0.0);
+          std::vector<int64_t> index(n * k, 0);
+          {
+            nb::gil_scoped_release release;
+            const RuleView rules{centers.data(), frames.data(), coef.data(), radius.data(), tolerance.data(), quality.data()};
+            parallel_for(n, 256, threads, [&](int64_t lo, int64_t hi) {
+              InferenceScratch s;
+              for (int64_t i = lo; i < hi; ++i) {
+                const int64_t best = memberships(t, rules, load(x.data() + 3 * i), k, s);
+                double total = 0;
+                for (size_t j = 0; j < s.neighbors.size(); ++j) total += share[i * k + j] = std::exp(s.log_weight[j] - s.log_weight[best]);
+                for (size_t j = 0; j < s.neighbors.size(); ++j)
+                  share[i * k + j] /= total, height[i * k + j] = s.height[j], index[i * k + j] = s.neighbors[j].index;
+              }
+            });
+          }
+          return nb::make_tuple(array(std::move(index), {n, (size_t)k}), array(std::move(share), {n, (size_t)k}), array(std::move(height), {n, (size_t)k}));
+        },
+        "tree"_a, "x"_a, "centers"_a, "frames"_a, "coefficients"_a, "radius"_a, "tolerance"_a, "quality"_a, "k"_a, "n_threads"_a);
+
   m.def("typical_data",
         [](Points p, Ints offsets, Ints clusters, int iterations, double tolerance, int threads) {
           const size_t cells = offsets.shape(0) - 1;

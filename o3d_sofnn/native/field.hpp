@@ -2,7 +2,6 @@
 // Signed distance at a place: local implicits of the nearest rules blended by fuzzy basis functions, eq. (9).
 #pragma once
 #include "inference.hpp"
-#include "rlps.hpp"
 
 namespace sofnn {
 
@@ -37,21 +36,12 @@ inline double evaluate_field(const KdTree& tree, const RuleView& rules, Vec3 x, 
   for (int64_t i = 0; i < n; ++i) {
     const int64_t j = s.neighbors[i].index;
     const double *f = rules.frames + 9 * j, *q = rules.coefficients + 6 * j, radius = rules.radius[j];
-    const Vec3 d = (1 / radius) * (x - load(rules.centers + 3 * j));
-    double u = dot(d, load(f)), v = dot(d, load(f + 3)), h = dot(d, load(f + 6));
-    const double sq = u * u + v * v, shrink = sq > 1 ? 1 / std::sqrt(sq) : 1;
-    u *= shrink, v *= shrink;
-    const double qu = q[1] + 2 * q[3] * u + q[4] * v, qv = q[2] + q[4] * u + 2 * q[5] * v;
-    const double inv = 1 / std::sqrt(1 + qu * qu + qv * qv);
-    double height = quadric_height(q, u, v);
-    if (rules.terms && rules.terms[j] > 0) height += rbf_terms(rules.rbf + 4 * rules.stride * j, rules.terms[j], u, v, h);
-    const double r = (h - height) * inv;
-    s.normal[i] = inv * (load(f + 6) - qu * load(f) - qv * load(f + 3));
+    const LocalImplicit local = local_implicit(rules, j, x);
+    s.normal[i] = local.normal, s.height[i] = local.height;
     s.foot[i] = load(rules.centers + 3 * j) + (radius * q[0]) * load(f + 6);
-    s.height[i] = r * radius;
-    s.reach[i] = -2 * sq + std::log(std::max(rules.quality[j], 1e-300));
+    s.reach[i] = -2 * local.sq + std::log(std::max(rules.quality[j], 1e-300));
     nearest = std::max(nearest, s.reach[i]);
-    const double z = r / std::max(rules.tolerance[j] / radius, 0.35);
+    const double z = local.height / std::max(rules.tolerance[j], 0.35 * radius);
     s.log_weight[i] = s.reach[i] - 0.5 * z * z;
   }
   double value = 0;

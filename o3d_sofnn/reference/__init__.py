@@ -6,7 +6,7 @@ calls them.
 """
 
 from .field import evaluate_field
-from .inference import infer_normals
+from .inference import basis_functions, infer_normals
 from .local_fit import fit_rules, fit_scales
 from .neighbors import query
 from .rlps import reconstruct_units
@@ -14,6 +14,7 @@ from .typical_data import typical_data
 from .winding import evaluate_winding
 
 __all__ = [
+    "basis_functions",
     "evaluate_field",
     "evaluate_winding",
     "fit_rules",

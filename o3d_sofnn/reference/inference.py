@@ -122,13 +122,60 @@ def infer_normals(
         rule = contributions(
             x[row], centers[index], frames[index], coefficients[index], radius[index]
         )
-        z = rule.residual / tolerance[index]
-        membership = -2.0 * rule.reach - 0.5 * z**2 + np.log(np.maximum(quality[index], 1e-12))
+        membership = _log_memberships(rule, tolerance[index], quality[index])
         best = int(membership.argmax())
-        weight = np.exp(membership - membership[best])
-        weight /= weight.sum()  # Eq. (9)
-        mean = weight @ rule.normal  # Eq. (7)
+        mean = _shares(membership) @ rule.normal  # Eq. (7)
         agreement = float(np.linalg.norm(mean))
-        normals[row] = mean / agreement if agreement >= 1e-6 else rule.normal[best]
-        info[row] = min(agreement, 1.0) if agreement >= 1e-6 else 1.0, rule.residual[best]
+        if agreement < 1e-6:  # the rules cancel: the best one decides
+            mean, agreement = rule.normal[best], 1.0
+        normals[row] = mean / np.linalg.norm(mean)
+        info[row] = min(agreement, 1.0), rule.residual[best]
     return normals, info
+
+
+def basis_functions(
+    x: Array,
+    centers: Array,
+    frames: Array,
+    coefficients: Array,
+    radius: Array,
+    tolerance: Array,
+    quality: Array,
+    k: int,
+) -> tuple[NDArray[np.int64], Array, Array]:
+    """Evaluate the fuzzy basis functions of eq. (9) at every place.
+
+    Parameters
+    ----------
+    x, centers, frames, coefficients, radius, tolerance, quality, k
+        As in :func:`infer_normals`.
+
+    Returns
+    -------
+    index : (m, k) int64
+        Nearest rules; 0 where there are fewer than `k`.
+    share : (m, k) float64
+        Value of their basis functions, a sum of one a row; 0 where there are fewer than `k`.
+    height : (m, k) float64
+        Signed distance to their quadrics, in the unit of the points.
+    """
+    nearest = query(centers, x, min(k, len(centers)), np.inf)[1]
+    index = np.zeros((len(x), k), np.int64)
+    share, height = np.zeros((len(x), k)), np.zeros((len(x), k))
+    for row, near in enumerate(nearest):
+        rule = contributions(x[row], centers[near], frames[near], coefficients[near], radius[near])
+        index[row, : len(near)] = near
+        share[row, : len(near)] = _shares(_log_memberships(rule, tolerance[near], quality[near]))
+        height[row, : len(near)] = rule.residual
+    return index, share, height
+
+
+def _log_memberships(rule: Contribution, tolerance: Array, quality: Array) -> Array:
+    z = rule.residual / tolerance
+    return np.asarray(-2.0 * rule.reach - 0.5 * z**2 + np.log(np.maximum(quality, 1e-12)))
+
+
+def _shares(log_membership: Array) -> Array:
+    """Fuzzy basis functions, eq. (9), from logarithms: safe far from every rule."""
+    membership = np.exp(log_membership - log_membership.max())
+    return np.asarray(membership / membership.sum())

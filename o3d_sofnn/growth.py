@@ -1,0 +1,133 @@
+"""Stage 4: structure learning of the rule base (section 3.2). Generation, combination, adjustment."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _kernels
+from .rules import RuleBase
+
+ERROR = 3.0
+"""System error, over the tolerance, above which a new rule is considered."""
+BOUNDARY = 0.5
+"""Accommodation boundary: least distance of a new rule from the others, over the spacing."""
+OVERLAP = 1.1
+"""Factor k of eq. (10)."""
+SIMILAR = (0.15, 0.99)
+"""Rules closer than the first, over their radius, whose normals have at least the second as cosine
+are similar and become one."""
+RATE = 0.5
+"""Step of the gradient descent, over the one that would cancel the mean error of a rule."""
+NEAREST = 12
+"""Rules with a share in the output at one place."""
+
+
+def generate(
+    rules: RuleBase,
+    points: NDArray[np.float64],
+    residual: NDArray[np.float64],
+    n_threads: int,
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+    """Find where new rules are needed: the error is too large and no rule is near.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Rules so far.
+    points : (n, 3) float64
+        Distinct points.
+    residual : (n,) float64
+        System error of each point.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    centers, n_neighbors, noise
+        Arguments for :func:`o3d_sofnn.rules.fit_rules`, for the new rules alone.
+    """
+    tree = _kernels.KdTree(rules.centers, n_threads)
+    distance, index = tree.query(points, 1, np.inf, n_threads)
+    d_min, nearest = distance[:, 0], index[:, 0]
+    size, radius = rules.n_neighbors[nearest], rules.radius[nearest]
+    spacing = radius * np.sqrt(np.pi / size) / 1.1
+    new = (np.abs(residual) > ERROR * rules.tolerance[nearest]) & (d_min > BOUNDARY * spacing)
+    width = OVERLAP * d_min[new]  # Eq. (10)
+    count = np.rint(size[new] * (2.0 * width / radius[new]) ** 2).astype(np.int64)
+    count = np.minimum(np.clip(count, 8, size[new]), len(points))
+    return points[new], np.maximum(count, min(8, len(points))), rules.noise[nearest[new]]
+
+
+def combine(rules: RuleBase, n_threads: int) -> RuleBase:
+    """Combine rules with similar membership functions: of two, the one that fits better stays.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Oriented rules.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    RuleBase
+    """
+    if len(rules) < 2:
+        return rules
+    tree = _kernels.KdTree(rules.centers, n_threads)
+    distance, index = tree.query(rules.centers, 2, np.inf, n_threads)
+    row = np.arange(len(rules))
+    other = np.where(index[:, 0] == row, index[:, 1], index[:, 0])
+    normals = rules.normals
+    alike = np.einsum("rd,rd->r", normals, normals[other]) > SIMILAR[1]
+    near = distance[:, 1] < SIMILAR[0] * np.minimum(rules.radius, rules.radius[other])
+    fit = rules.residual / rules.radius
+    worse = (fit > fit[other]) | ((fit == fit[other]) & (row > other))
+    mutual = other[other] == row
+    keep = ~(alike & near & mutual & worse)
+    return RuleBase(**{name: value[keep] for name, value in vars(rules).items()})
+
+
+def adjust(rules: RuleBase, points: NDArray[np.float64], n_threads: int) -> RuleBase:
+    """Adjust the consequents by gradient descent on the squared output of the network at the points.
+
+    The output, eq. (7), of the blended signed distances is zero on the surface. Its derivative with
+    respect to the height of a rule is that rule's fuzzy basis function, eq. (9).
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Oriented rules.
+    points : (n, 3) float64
+        Points on the surface.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    RuleBase
+        The same rules, moved along their normals.
+    """
+    k = min(NEAREST, len(rules))
+    index, basis, height = _kernels.basis_functions(
+        _kernels.KdTree(rules.centers, n_threads),
+        points,
+        rules.centers,
+        np.ascontiguousarray(rules.frames),
+        np.ascontiguousarray(rules.coefficients),
+        rules.radius,
+        rules.tolerance,
+        rules.quality,
+        k,
+        n_threads,
+    )
+    error = (basis * height).sum(axis=1)  # Eq. (7)
+    gradient = np.bincount(index.ravel(), (basis * error[:, None]).ravel(), len(rules))
+    share = np.bincount(index.ravel(), basis.ravel(), len(rules))
+    step = RATE * gradient / np.maximum(share, 1e-12)
+    coefficients = rules.coefficients.copy()
+    coefficients[:, 0] += step / rules.radius
+    return replace(rules, coefficients=coefficients)
