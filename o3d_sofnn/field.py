@@ -1,4 +1,4 @@
-"""Stage 8: one function over all space. Local implicits blended near the data, winding number elsewhere."""
+"""Stage 8: one function over all space: local implicits near the data, winding number elsewhere."""
 
 from __future__ import annotations
 
@@ -96,9 +96,7 @@ class Field:
         values[order], share[order] = self._evaluate(np.ascontiguousarray(x[order]))
         return values, share
 
-    def _evaluate(
-        self, x: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _evaluate(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         distance, nearest = self._samples.query(x, 1, np.inf, self.n_threads)
         share = fade(distance[:, 0] / self._spacing[nearest[:, 0]], *REACH)
         excess = self.level - self.winding_number(x)

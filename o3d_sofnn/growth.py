@@ -1,4 +1,4 @@
-"""Stage 4: structure learning of the rule base (section 3.2). Generation, combination, adjustment."""
+"""Stage 4: structure learning of the rule base (section 3.2): generate, combine, adjust."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def combine(rules: RuleBase, n_threads: int) -> RuleBase:
 
 
 def adjust(rules: RuleBase, points: NDArray[np.float64], n_threads: int) -> RuleBase:
-    """Adjust the consequents by gradient descent on the squared output of the network at the points.
+    """Adjust the consequents by gradient descent on the squared network output at the points.
 
     The output, eq. (7), of the blended signed distances is zero on the surface. Its derivative with
     respect to the height of a rule is that rule's fuzzy basis function, eq. (9).

@@ -13,6 +13,11 @@ SCALES = np.array([8, 12, 18, 27, 40, 60, 90, 135, 200, 300, 450, 675, 1000], np
 """Neighbourhood sizes tried, a factor of 1.5 apart."""
 RADIUS = 1.1
 """Radius of a fit over the distance of its last neighbour (as in the native kernel)."""
+ALONE = (2.2, 2.5)
+"""Mean distance to the neighbours from which on a point is alone, over the usual one of the region
+and over that of the neighbours themselves."""
+FLAT = 0.05
+"""Surface variation of neighbourhoods that lie on a surface."""
 RANDOM = 0.5
 """Mean disagreement in radians above which normals carry no information (unrelated ones: 1)."""
 FEW = 11
@@ -48,7 +53,11 @@ class Scale:
 
 
 def choose_scale(
-    points: NDArray[np.float64], tree: KdTree, max_neighbors: int | None, max_radius: float | None, n_threads: int
+    points: NDArray[np.float64],
+    tree: KdTree,
+    max_neighbors: int | None,
+    max_radius: float | None,
+    n_threads: int,
 ) -> Scale:
     """Find the neighbourhood size that balances noise against detail, region by region.
 
@@ -91,7 +100,7 @@ def choose_scale(
         rising[:, :-1] = (regional[:, 1:] >= regional[:, :-1]) & (regional[:, :-1] < RANDOM)
         if (~rising.any(axis=1)).mean() < 0.05:
             break
-    # The first minimum: far beyond the size of a thin part normals agree again, with each other only.
+    # The first minimum: beyond the size of a thin part wrong normals agree with each other.
     chosen = np.where(rising.any(axis=1), rising.argmax(axis=1), regional.argmin(axis=1))
     row = np.arange(len(pilots))
     if max_radius is not None:
@@ -135,13 +144,19 @@ def noise_level(
 
 
 def find_outliers(
-    points: NDArray[np.float64], tree: KdTree, n_threads: int, *, n_neighbors: int = 8
+    points: NDArray[np.float64],
+    tree: KdTree,
+    scale: Scale,
+    n_threads: int,
+    *,
+    n_neighbors: int = 8,
 ) -> NDArray[np.bool_]:
     """Mark points that lie alone (Algorithm 1, step 5).
 
-    The paper counts points in the cells around; with uneven density the same question is asked
-    relative to the neighbours: the mean distance to the nearest points against theirs (Breunig et
-    al. 2000, local outlier factor).
+    The paper counts points in the cells around. With uneven density the same question is asked of
+    the mean distance to the nearest points: against theirs (Breunig et al. 2000, local outlier
+    factor), and against the spacing of the region, for outliers that have each other as neighbours;
+    sparse parts of a surface are told from those by being flat.
 
     Parameters
     ----------
@@ -149,6 +164,8 @@ def find_outliers(
         Distinct points.
     tree : KdTree
         Over `points`.
+    scale : Scale
+        Of the same points.
     n_threads : int
         Threads.
     n_neighbors : int, default 8
@@ -160,8 +177,17 @@ def find_outliers(
         True for outliers.
     """
     k = min(n_neighbors + 1, len(points))
-    if k < 4:
+    if k < 5:
         return np.zeros(len(points), bool)
     distance, index = tree.query(points, k, np.inf, n_threads)
     reach = distance[:, 1:].mean(axis=1)
-    return np.asarray(reach > 3.0 * np.median(reach[index[:, 1:]], axis=1))
+    pilot = scale.at(points, n_threads)
+    usual = scale.spacing[pilot] + scale.noise[pilot]
+    lonely = np.flatnonzero(reach > ALONE[0] * usual)
+    if not 0 < len(lonely) < 0.5 * len(points):
+        return np.zeros(len(points), bool)
+    _, info = fit_scales(tree, points, points[lonely], np.array([k + 4], np.int64), n_threads)
+    apart = reach[lonely] > ALONE[1] * np.median(reach[index[lonely, 1:]], axis=1)
+    outlier = np.zeros(len(points), bool)
+    outlier[lonely] = apart | (info[:, 0, 3] > FLAT)
+    return outlier

@@ -1,9 +1,9 @@
 """Triangles of the zero set on a sparse set of cubes, closed and manifold by construction.
 
-Lorensen and Cline, "Marching cubes" (1987). The table is derived here and not typed in: on every face
-of a cube the inside corners are separated, so that both cubes of a face draw the same segments; the
-segments close to loops. A loop that visits a face twice gets a vertex in its middle: a diagonal of it
-could lie in that face, and the neighbour could draw the same one.
+Lorensen and Cline, "Marching cubes" (1987). The table is derived here and not typed in: on every
+face of a cube the inside corners are separated, so that both cubes of a face draw the same
+segments; the segments close to loops. A loop that visits a face twice gets a vertex in its middle:
+a diagonal of it could lie in that face, and the neighbour could draw the same one.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ EDGES = [(c, axis) for axis in range(3) for c in range(8) if not c >> axis & 1]
 """The twelve edges: lower corner and axis."""
 EDGE_OF = {(c, c | 1 << axis): e for e, (c, axis) in enumerate(EDGES)}
 NUDGE = 0.02
-"""Least distance of a vertex from a node, over the length of the edge: no triangle loses its area."""
+"""Least distance of a vertex from a node, over the edge: no triangle loses its area."""
 MIDDLE = 12
 """Number of the first vertex inside a cube; a cube has at most four loops."""
 

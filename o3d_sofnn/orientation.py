@@ -128,9 +128,9 @@ def orient(rules: RuleBase, n_threads: int) -> tuple[RuleBase, tuple[str, ...]]:
 def unify(rules: RuleBase, n_threads: int) -> RuleBase:
     """Make sheets consistent that the winding number cannot decide: open ones.
 
-    Hoppe et al. 1992: signs are handed on along a spanning tree of the rules whose edges prefer equal
-    tangent planes; only edges that run along the surface count, so that the sides of a thin wall are
-    not joined. The tree replaces the winding number's signs only on a connected piece that is open
+    Hoppe et al. 1992: signs are handed on along a spanning tree of the rules whose edges prefer
+    equal tangent planes; only edges that run along the surface count, so that the sides of a thin
+    wall are not joined. The tree replaces the winding number's signs only on a connected piece that is open
     (one spacing in front of it the winding number is not zero) and only when it leaves less than
     half as many edges in contradiction; the whole piece then keeps the side that most of it had.
 
@@ -271,7 +271,7 @@ def face(
 
 
 def pieces(rules: RuleBase, n_threads: int) -> NDArray[np.int64]:
-    """Number the connected pieces of the rule base: rules within each other's radius.
+    """Give each connected piece of the rule base (rules within each other's radius) a number.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The method from top to bottom, arrays in and arrays out. Each stage is one call; its file explains it."""
+"""The method from top to bottom, arrays in and arrays out: a call a stage, a file behind each."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from . import metrics
 from ._kernels import KdTree
 from .field import Field
+from .growth import adjust, combine, generate
 from .local_fit import Scale, choose_scale, find_outliers
 from .octree import sort_unique
 from .orientation import face, orient
-from .rlps import reconstruct_units
 from .results import NormalEstimate, SurfaceEstimate
-from .growth import adjust, combine, generate
+from .rlps import reconstruct_units
 from .rules import RuleBase, fit_rules, infer_normals, typical_data
 from .surface import attribute_weights, choose_voxel_size, extract, keep_supported
 
@@ -239,12 +239,14 @@ def _learn(
         extent = float(np.ptp(points, axis=0).max())
         x = np.ascontiguousarray((points[order] - middle) / extent)
     with clock.stage("scale"):
-        inliers = ~find_outliers(x, KdTree(x, threads), threads)
+        limit = None if radius is None else radius / extent
+        tree = KdTree(x, threads)
+        scale = choose_scale(x, tree, max_nn, limit, threads)
+        inliers = ~find_outliers(x, tree, scale, threads)
         clean = np.ascontiguousarray(x[inliers])
-        tree = KdTree(clean, threads)
-        scale = choose_scale(
-            clean, tree, max_nn, None if radius is None else radius / extent, threads
-        )
+        if not inliers.all():
+            tree = KdTree(clean, threads)
+            scale = choose_scale(clean, tree, max_nn, limit, threads)
     with clock.stage("typical data"):
         centers = typical_data(clean, scale, threads)
         pilot = scale.at(centers, threads)

@@ -45,7 +45,7 @@ class LocalSurfaces:
 
     @property
     def unresolved(self) -> NDArray[np.bool_]:
-        """Units whose largest residual exceeds the precision: step 3 of Algorithm 2 divides them."""
+        """Units whose largest residual exceeds the precision, for step 3 of Algorithm 2."""
         return self.error > self.precision
 
 

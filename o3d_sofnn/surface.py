@@ -1,4 +1,4 @@
-"""Stage 9: sparse isosurface. Cubes that hold data, and those the surface leads to, until it closes."""
+"""Stage 9: sparse isosurface. Cubes with data and those the surface leads to until it closes."""
 
 from __future__ import annotations
 
@@ -87,38 +87,70 @@ def extract(
     """
     grid = SparseGrid(seeds, size)
     corner_steps = CORNERS @ grid.steps
-    cubes = np.empty(0, np.int64)
-    nodes, values = np.empty(0, np.int64), np.empty(0)
+    cubes, nodes = SortedMap(), SortedMap()
     fresh = grid.cubes_at(seeds)
     while len(fresh):
         corners = fresh[:, None] + corner_steps
-        wanted, place = _missing(np.unique(corners), nodes)
+        wanted = nodes.missing(np.unique(corners))
         if len(wanted):
             found, _ = evaluate(grid.positions(wanted))
-            found = np.where(grid.on_wall(wanted), np.maximum(found, size), found)
-            nodes, values = np.insert(nodes, place, wanted), np.insert(values, place, found)
-        cubes = np.insert(cubes, np.searchsorted(cubes, fresh), fresh)
-        inside = values[np.searchsorted(nodes, corners)] < 0
+            nodes.add(wanted, np.where(grid.on_wall(wanted), np.maximum(found, size), found))
+        cubes.add(fresh, np.zeros(len(fresh)))
+        inside = nodes.get(corners) < 0
         neighbors = []
         for axis in range(3):
             for side in (0, 1):
                 face = inside[:, CORNERS[:, axis] == side]
                 crossed = face.any(axis=1) & ~face.all(axis=1)
                 neighbors.append(fresh[crossed] + (2 * side - 1) * grid.steps[axis])
-        fresh, _ = _missing(np.unique(np.concatenate(neighbors)), cubes)
-    index = np.searchsorted(nodes, cubes[:, None] + corner_steps)
-    return marching_cubes(values, grid.positions(nodes), index)
+        fresh = cubes.missing(np.unique(np.concatenate(neighbors)))
+    keys, values = nodes.items()
+    index = np.searchsorted(keys, cubes.items()[0][:, None] + corner_steps)
+    return marching_cubes(values, grid.positions(keys), index)
 
 
-def _missing(
-    keys: NDArray[np.int64], known: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Those of the sorted `keys` that are not in the sorted `known`, and where they belong."""
-    place = np.searchsorted(known, keys)
-    there = np.zeros(len(keys), bool)
-    if len(known):
-        there = known[np.minimum(place, len(known) - 1)] == keys
-    return keys[~there], place[~there]
+class SortedMap:
+    """Numbers by integer key: a large sorted array and a small one, merged now and then."""
+
+    def __init__(self) -> None:
+        self._parts = [(np.empty(0, np.int64), np.empty(0))] * 2
+
+    def missing(self, keys: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Those of `keys` that are not in the map."""
+        for known, _ in self._parts:
+            if len(known):
+                place = np.minimum(np.searchsorted(known, keys), len(known) - 1)
+                keys = keys[known[place] != keys]
+        return keys
+
+    def add(self, keys: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+        """Put in sorted keys that are not there yet."""
+        old, new = self._parts
+        new = _merged(new, (keys, values))
+        if len(new[0]) > len(old[0]) // 8:
+            old, new = _merged(old, new), (new[0][:0], new[1][:0])
+        self._parts = [old, new]
+
+    def get(self, keys: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Values of keys that are in the map."""
+        result = np.zeros(keys.shape)
+        for known, values in self._parts:
+            if len(known):
+                place = np.minimum(np.searchsorted(known, keys), len(known) - 1)
+                result = np.where(known[place] == keys, values[place], result)
+        return result
+
+    def items(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """All keys, sorted, and their values."""
+        return _merged(*self._parts)
+
+
+_Part = tuple[NDArray[np.int64], NDArray[np.float64]]
+
+
+def _merged(a: _Part, b: _Part) -> _Part:
+    place = np.searchsorted(a[0], b[0])
+    return np.insert(a[0], place, b[0]), np.insert(a[1], place, b[1])
 
 
 def choose_voxel_size(
@@ -151,7 +183,7 @@ def choose_voxel_size(
     if voxel_size is not None:
         return voxel_size
     if depth is not None:
-        return float(np.ptp(points, axis=0).max()) / 2**depth
+        return float(np.ptp(points, axis=0).max() / 2**depth)
     return max(0.75 * spacing, 0.25 * float(np.median(rules.radius)))
 
 

@@ -54,12 +54,14 @@ inline double evaluate_field(const KdTree& tree, const RuleView& rules, Vec3 x, 
     double sum = 0, total = 0;
     const int64_t rule = s.neighbors[best].index;
     const double same = same_face(rules.tolerance[rule] / rules.radius[rule]);
-    for (int64_t i = 0; i < n; ++i) {
-      if (s.face[i] >= 0 || dot(s.normal[i], s.normal[best]) < same) continue;
-      const double w = std::exp(s.log_weight[i] - s.log_weight[best]);
-      sum += w * s.height[i], total += w;
-      s.face[i] = face;
-    }
+    double top = -1e300;
+    for (int64_t i = 0; i < n; ++i)
+      if (s.face[i] < 0 && dot(s.normal[i], s.normal[best]) >= same) s.face[i] = face, top = std::max(top, s.log_weight[i]);
+    for (int64_t i = 0; i < n; ++i)
+      if (s.face[i] == face) {
+        const double w = std::exp(s.log_weight[i] - top);
+        sum += w * s.height[i], total += w;
+      }
     const double height = sum / total;
     if (face == 0)
       value = height;

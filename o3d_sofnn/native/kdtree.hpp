@@ -106,7 +106,7 @@ class KdTree {
     search(level + 1, 2 * i + near, 2 * node + 1 + near, x, k, max_sq, sq, offset, heap);
     const double old = offset[axis], far_sq = sq - old * old + diff * diff;
     const double worst = static_cast<int64_t>(heap.size()) < k ? max_sq : std::min(max_sq, heap.front().sq_dist);
-    if (far_sq <= worst) {
+    if (far_sq <= worst * (1 + 1e-12)) {  // rounding must not hide an equally near point with a lower index
       offset[axis] = diff;
       search(level + 1, 2 * i + far, 2 * node + 1 + far, x, k, max_sq, far_sq, offset, heap);
       offset[axis] = old;

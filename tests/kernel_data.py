@@ -1,0 +1,52 @@
+"""Rules drawn at random, and fitted ones, as the native kernels take them."""
+
+from __future__ import annotations
+
+import numpy as np
+from shapes import torus
+
+from o3d_sofnn import _kernels, reference
+
+MIRROR = np.array([-1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+"""Signs of the coefficients when the normal and the second tangent of a frame change sides."""
+
+
+def random_rules(n=300, seed=0):
+    """Rules on a torus, their quadrics and widths drawn at random."""
+    rng = np.random.default_rng(seed)
+    centers, normals = torus(n, seed=seed)
+    frames = np.array([reference.local_fit.frame_of(normal) for normal in normals])
+    coefficients = rng.normal(0.0, 0.2, (n, 6))
+    radius = rng.uniform(0.2, 0.5, n)
+    tolerance = rng.uniform(0.02, 0.2, n) * radius
+    quality = np.where(rng.random(n) < 0.1, 0.0, rng.uniform(0.0, 1.0, n))
+    return centers, frames, coefficients, radius, tolerance, quality
+
+
+def random_terms(n=300, seed=0):
+    """Between none and all of 14 basis functions for each rule."""
+    rng = np.random.default_rng(seed)
+    return rng.normal(0.0, 0.3, (n, 14, 4)), rng.integers(0, 15, n)
+
+
+def places_near(rules, seed=1):
+    rng = np.random.default_rng(seed)
+    near = rules[0] + rng.normal(0.0, 0.1, rules[0].shape)
+    return np.concatenate([near, rng.uniform(-3.0, 3.0, (100, 3)), rules[0][:20]])
+
+
+def unit_data(points, normals, tolerance=0.002):
+    """Rules fitted to every 15th point, and what belongs to them."""
+    centers = points[::15]
+    n = len(centers)
+    tree = _kernels.KdTree(points, 1)
+    sizes = np.full(n, 40)
+    _, frames, coefficients, info = _kernels.fit_rules(
+        tree, points, centers, sizes, np.zeros(n), 0, None, None, 1
+    )
+    frames, coefficients = np.array(frames), np.array(coefficients)
+    inward = (frames[:, 2] * normals[::15]).sum(axis=1) < 0.0
+    frames[inward, 1:] *= -1.0
+    coefficients[inward] *= MIRROR
+    radius = np.ascontiguousarray(info[:, 2])
+    return points, normals, centers, frames, coefficients, radius, sizes, np.full(n, tolerance)

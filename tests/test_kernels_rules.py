@@ -1,0 +1,126 @@
+"""Kernels that infer from rules against their twins."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from kernel_data import places_near, random_rules, random_terms, unit_data
+from shapes import box, sphere
+
+from o3d_sofnn import _kernels, reference
+
+# --- inference and field
+
+
+@pytest.mark.parametrize("k", [1, 12, 400])
+def test_inferred_normals(k):
+    rules = random_rules()
+    x = places_near(rules)
+    normals, info = _kernels.infer_normals(_kernels.KdTree(rules[0], 1), x, *rules, k, 2)
+    expected_normals, expected_info = reference.infer_normals(x, *rules, k)
+    np.testing.assert_allclose(normals, expected_normals, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(info, expected_info, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("k", [1, 12, 400])
+def test_fuzzy_basis_functions(k):
+    rules = random_rules()
+    x = places_near(rules)
+    found = _kernels.basis_functions(_kernels.KdTree(rules[0], 1), x, *rules, k, 2)
+    index, share, height = reference.basis_functions(x, *rules, k)
+    np.testing.assert_array_equal(found[0], index)
+    np.testing.assert_allclose(found[1], share, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(found[2], height, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(np.asarray(found[1]).sum(axis=1), 1.0, atol=1e-12)
+
+
+def test_rules_that_cancel_leave_the_best_one():
+    frames = np.array([np.eye(3), np.diag([1.0, -1.0, -1.0])])
+    rules = (np.zeros((2, 3)), frames, np.zeros((2, 6)), np.ones(2), np.ones(2), np.ones(2))
+    normals, info = _kernels.infer_normals(
+        _kernels.KdTree(rules[0], 1), np.zeros((1, 3)), *rules, 2, 1
+    )
+    assert abs(normals[0, 2]) == 1.0
+    assert np.isfinite(info).all()
+
+
+def test_normals_far_from_every_rule_are_unit():
+    rules = random_rules()
+    x = np.array([[1e3, 0.0, 0.0], [0.0, 1e6, 0.0]])
+    normals, _ = _kernels.infer_normals(_kernels.KdTree(rules[0], 1), x, *rules, 12, 1)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("k", [1, 16, 60])
+def test_field(k):
+    rules, terms = random_rules(), random_terms()
+    x = places_near(rules)
+    values = _kernels.evaluate_field(_kernels.KdTree(rules[0], 1), x, *rules, *terms, k, 2)
+    expected = reference.evaluate_field(x, *rules, *terms, k)
+    np.testing.assert_allclose(values, expected, rtol=0.0, atol=1e-9)
+
+
+def no_terms(n):
+    return np.zeros((n, 14, 4)), np.zeros(n, np.int64)
+
+
+def corner(convex):
+    """Rules on the three planes x, y, z = 0 that bound an octant or what is left without it."""
+    grid = np.linspace(0.05, 0.95, 7) * (-1.0 if convex else 1.0)
+    a, b = (part.ravel() for part in np.meshgrid(grid, grid))
+    zero = np.zeros_like(a)
+    centers = np.concatenate([np.stack(p, 1) for p in ((zero, a, b), (a, zero, b), (a, b, zero))])
+    frames = np.repeat([reference.local_fit.frame_of(n) for n in np.eye(3)], len(a), axis=0)
+    n = len(centers)
+    rest = np.zeros((n, 6)), np.full(n, 0.3), np.full(n, 0.01), np.ones(n), *no_terms(n)
+    return np.ascontiguousarray(centers), np.ascontiguousarray(frames), *rest
+
+
+@pytest.mark.parametrize("convex", [True, False])
+def test_field_keeps_edges_sharp(convex):
+    rules = corner(convex)
+    inner = -0.5 if convex else 0.5
+    across = np.random.default_rng(0).uniform(-0.05, 0.05, (200, 2))
+    x = np.column_stack([across, np.full(200, inner)])
+    values = _kernels.evaluate_field(_kernels.KdTree(rules[0], 1), x, *rules, 16, 1)
+    exact = across.max(axis=1) if convex else across.min(axis=1)
+    np.testing.assert_allclose(values, exact, rtol=0.0, atol=1e-12)
+
+
+# --- local progressive surfaces
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 0.002, 0.02, 1.0])
+def test_local_progressive_surfaces(tolerance):
+    data = unit_data(*box(600).noisy(0.005), tolerance)
+    found = _kernels.reconstruct_units(_kernels.KdTree(data[0], 1), *data, 2)
+    rbf, terms, error, worst = map(np.asarray, found)
+    expected = reference.reconstruct_units(*data)
+    np.testing.assert_array_equal(terms, expected[1])
+    np.testing.assert_allclose(rbf, expected[0], rtol=1e-7, atol=1e-8)
+    np.testing.assert_allclose(error, expected[2], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(worst, expected[3], rtol=0.0, atol=1e-9)
+    assert ((error <= tolerance) | (terms == 14)).all()
+    if tolerance == 1.0:
+        assert (terms == 0).all()
+
+
+def test_centers_make_the_residual_smaller():
+    shape = box(600)
+    coarse, fine = (
+        np.asarray(_kernels.reconstruct_units(_kernels.KdTree(shape.points, 1), *data, 1)[2])
+        for data in (unit_data(*shape, 1.0), unit_data(*shape, 0.001))
+    )
+    assert (fine <= coarse + 1e-12).mean() > 0.95
+    assert np.median(fine) < 0.5 * np.median(coarse)
+
+
+def test_units_without_points_on_their_side_keep_the_quadric():
+    data = list(unit_data(*sphere(400)))
+    data[1] = -data[1]
+    rbf, terms, error, worst = _kernels.reconstruct_units(_kernels.KdTree(data[0], 1), *data, 1)
+    assert not np.asarray(rbf).any()
+    assert not np.asarray(terms).any()
+    assert not np.asarray(error).any()
+    np.testing.assert_array_equal(worst, data[2])

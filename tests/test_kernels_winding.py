@@ -1,0 +1,86 @@
+"""Tree code of winding numbers against direct sums."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from shapes import sphere, torus
+
+from o3d_sofnn import _kernels, reference
+
+
+def dipoles(n=1500):
+    shape = torus(n)
+    rng = np.random.default_rng(2)
+    area = rng.uniform(0.5, 1.5, n) * 4.0 * np.pi**2 * 0.4 / n
+    x = np.concatenate([shape.points[:200], rng.uniform(-2.0, 2.0, (200, 3))])
+    return shape.points, area, area[:, None] * shape.normals, rng.normal(size=n) * area, x
+
+
+@pytest.mark.parametrize("width", [0.02, 0.3])
+def test_winding_sums_without_opening_are_direct_sums(width):
+    points, area, mu, charge, x = dipoles()
+    widths = np.full(len(x), width)
+    found = _kernels.WindingTree(points, area).evaluate(mu, charge, x, widths, 1e-6, 2)
+    expected = reference.evaluate_winding(points, mu, charge, x, widths)
+    size = reference.evaluate_winding(points, mu, np.abs(charge), x, widths)
+    for sums, exact, scale in zip(found, expected, size, strict=True):
+        # 1500 single precision terms: 24 bits each, and their sizes are those of the largest.
+        np.testing.assert_allclose(sums, exact, rtol=0.0, atol=2e-5 * np.abs(scale).max())
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e7])
+def test_winding_tree_error_with_the_opening_angle_of_the_pipeline(offset):
+    points, area, mu, charge, x = dipoles()
+    # A node is opened for a group of consecutive places: the order says how much is summed.
+    x = x[np.asarray(_kernels.WindingTree(x, np.ones(len(x))).order())]
+    widths = np.full(len(x), 0.1)
+    tree = _kernels.WindingTree(points + offset, area)
+    exact = reference.evaluate_winding(points, mu, charge, x, widths)
+    errors = []
+    for theta in (0.5, 0.25, 0.125):
+        found = tree.evaluate(mu, charge, x + offset, widths, theta, 1)
+        errors.append(
+            [
+                float(np.abs(np.asarray(a) - b).max() / np.abs(b).max())
+                for a, b in zip(found, exact, strict=True)
+            ]
+        )
+    assert max(errors[0]) < 0.02, errors
+    assert (np.array(errors[2]) < 0.5 * np.array(errors[0])).all(), errors
+
+
+def test_winding_number_of_a_closed_surface():
+    points, normals = sphere(4000)
+    area = np.full(4000, 4.0 * np.pi / 4000)
+    x = np.array([[0.0, 0.0, 0.0], [0.3, -0.2, 0.4], [2.0, 0.0, 0.0], [0.0, 5.0, 5.0]])
+    tree = _kernels.WindingTree(points, area)
+    winding, _, _ = tree.evaluate(area[:, None] * normals, None, x, np.full(4, 0.05), 0.5, 1)
+    np.testing.assert_allclose(winding, [1.0, 1.0, 0.0, 0.0], atol=0.02)
+
+
+def test_adjoint_is_the_transposed_operator():
+    points, _, mu, charge, _ = dipoles(400)
+    width = np.full(400, 0.1)
+    tree = _kernels.WindingTree(points, np.ones(400))
+    winding = np.asarray(tree.evaluate(mu, None, points, width, 1e-6, 1)[0])
+    adjoint = np.asarray(tree.evaluate(None, charge, points, width, 1e-6, 1)[2])
+    assert charge @ winding == pytest.approx(-(adjoint * mu).sum(), rel=1e-4)
+
+
+def test_winding_order_is_a_permutation_that_keeps_neighbors_together():
+    points = sphere(1000).points
+    order = np.asarray(_kernels.WindingTree(points, np.ones(1000)).order())
+    np.testing.assert_array_equal(np.sort(order), np.arange(1000))
+    step = np.linalg.norm(np.diff(points[order], axis=0), axis=1).mean()
+    assert step < 0.5 * np.linalg.norm(np.diff(points, axis=0), axis=1).mean()
+
+
+@pytest.mark.parametrize("n", [1, 2, 16, 17])
+def test_winding_trees_of_few_points(n):
+    points = np.random.default_rng(0).normal(size=(n, 3))
+    area, width, x = np.ones(n), np.full(3, 0.1), np.random.default_rng(1).normal(size=(3, 3))
+    found = _kernels.WindingTree(points, area).evaluate(points, area, x, width, 0.5, 1)
+    expected = reference.evaluate_winding(points, points, area, x, width)
+    for sums, exact in zip(found, expected, strict=True):
+        np.testing.assert_allclose(sums, exact, rtol=1e-4, atol=1e-5)

@@ -1,0 +1,109 @@
+"""Scale, noise level and outliers, found without being told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from shapes import box, join, plane_patch, sphere, torus
+
+from o3d_sofnn._kernels import KdTree
+from o3d_sofnn.local_fit import SCALES, choose_scale, find_outliers
+from o3d_sofnn.octree import sort_unique
+
+SHAPES = {"sphere": (sphere, 2.0), "plane": (plane_patch, 1.0), "torus": (torus, 2.8)}
+"""Shape and the edge of its bounding box."""
+
+
+def scale_of(points, **limits):
+    points = np.ascontiguousarray(points[sort_unique(points)[0]])
+    limit = limits.get("max_neighbors"), limits.get("max_radius")
+    return choose_scale(points, KdTree(points, 1), *limit, 1)
+
+
+@pytest.mark.parametrize("noise", [0.001, 0.003, 0.01])
+@pytest.mark.parametrize("name", SHAPES)
+def test_noise_level_is_found_within_fifteen_percent(name, noise):
+    shape, size = SHAPES[name]
+    scale = scale_of(shape(5000).noisy(noise * size).points)
+    assert np.median(scale.noise) == pytest.approx(noise * size, rel=0.15)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_clean_points_have_no_noise(name):
+    shape, size = SHAPES[name]
+    assert np.median(scale_of(shape(5000).points).noise) < 2e-4 * size
+
+
+def test_neighborhoods_grow_with_the_noise():
+    found = [
+        np.median(scale_of(torus(5000).noisy(noise).points).n_neighbors)
+        for noise in (0.0, 0.005, 0.03)
+    ]
+    assert found == sorted(found)
+    assert found[0] < found[2]
+
+
+def test_neighborhoods_shrink_at_edges():
+    scale = scale_of(box(5000).noisy(0.002).points)
+    assert np.median(scale.n_neighbors) < 100
+
+
+def test_noise_is_found_region_by_region():
+    left, right = sphere(4000).noisy(0.01), sphere(4000, seed=2).noisy(0.03).moved((4.0, 0.0, 0.0))
+    scale = scale_of(join(left, right).points)
+    for shape, noise in ((left, 0.01), (right, 0.03)):
+        found = np.median(scale.noise[scale.at(shape.points, 1)])
+        assert found == pytest.approx(noise, rel=0.15)
+
+
+@pytest.mark.parametrize("factor", [1e-6, 1e6])
+def test_scale_follows_the_unit(factor):
+    shape = torus(3000).noisy(0.01)
+    one, other = scale_of(shape.points), scale_of(shape.scaled(factor).points)
+    np.testing.assert_allclose(np.median(other.noise), factor * np.median(one.noise), rtol=1e-3)
+    np.testing.assert_allclose(np.median(other.spacing), factor * np.median(one.spacing), rtol=1e-3)
+
+
+def test_spacing_is_the_edge_of_the_square_of_a_point():
+    scale = scale_of(sphere(5000).points)
+    assert np.median(scale.spacing) == pytest.approx(np.sqrt(4.0 * np.pi / 5000), rel=0.1)
+
+
+def test_limits_are_kept():
+    points = torus(3000).noisy(0.02).points
+    assert scale_of(points, max_neighbors=27).n_neighbors.max() <= 27
+    free = scale_of(points)
+    limited = scale_of(points, max_radius=0.2)
+    assert np.median(limited.n_neighbors) < np.median(free.n_neighbors)
+
+
+@pytest.mark.parametrize("n", [4, 7, 30])
+def test_few_points_have_a_scale(n):
+    scale = scale_of(sphere(n).points)
+    assert (scale.n_neighbors <= max(n, SCALES[0])).all()
+    assert np.isfinite(scale.noise).all()
+    assert (scale.spacing > 0.0).all()
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.005])
+@pytest.mark.parametrize("name", SHAPES)
+def test_uniform_outliers_are_found(name, noise):
+    shape, size = SHAPES[name]
+    points = shape(5000).noisy(noise * size).points
+    center, edge = 0.5 * (points.min(axis=0) + points.max(axis=0)), 1.5 * size
+    alone = center + np.random.default_rng(5).uniform(-0.5, 0.5, (50, 3)) * edge
+    cloud = np.concatenate([points, alone])
+    outlier = find_outliers(cloud, KdTree(cloud, 1), 1)
+    assert outlier[5000:].mean() > 0.6
+    assert outlier[:5000].mean() < 0.002
+
+
+def test_uneven_density_is_no_outlier():
+    cloud = join(sphere(8000), sphere(300).moved((5.0, 0.0, 0.0))).points
+    assert find_outliers(cloud, KdTree(cloud, 1), 1).mean() < 0.002
+
+
+@pytest.mark.parametrize("n", [1, 3, 4, 9])
+def test_few_points_are_no_outliers(n):
+    cloud = sphere(n).points
+    assert not find_outliers(cloud, KdTree(cloud, 1), 1).any()
