@@ -22,7 +22,7 @@ help:
 
 system:
 	apt-get update -qq
-	DEBIAN_FRONTEND=noninteractive apt-get install -qq -y g++ python3-venv libusb-1.0-0 libgl1 libgomp1
+	DEBIAN_FRONTEND=noninteractive apt-get install -qq -y g++ python3-venv libusb-1.0-0 libgl1 libegl1 libopengl0 libgomp1
 
 demo: $(VENV)/.demo
 	$(BIN)/python demos/quickstart.py

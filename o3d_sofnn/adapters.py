@@ -53,7 +53,7 @@ def import_open3d() -> Any:
     except (ImportError, OSError) as error:
         raise ImportError(
             f"Open3D is installed but does not load ({error}); on Debian or Ubuntu type: "
-            "apt-get install libusb-1.0-0 libgl1 libgomp1"
+            "apt-get install libusb-1.0-0 libgl1 libegl1 libopengl0 libgomp1"
         ) from error
     return open3d
 

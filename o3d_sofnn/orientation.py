@@ -130,9 +130,9 @@ def unify(rules: RuleBase, n_threads: int) -> RuleBase:
 
     Hoppe et al. 1992: signs are handed on along a spanning tree of the rules whose edges prefer
     equal tangent planes; only edges that run along the surface count, so that the sides of a thin
-    wall are not joined. The tree replaces the winding number's signs only on a connected piece that is open
-    (one spacing in front of it the winding number is not zero) and only when it leaves less than
-    half as many edges in contradiction; the whole piece then keeps the side that most of it had.
+    wall are not joined. The tree replaces the winding number's signs only on a connected piece that
+    is open (one spacing in front of it the winding number is not zero) and only when it leaves less
+    than half as many edges in contradiction; the whole piece keeps the side that most of it had.
 
     Parameters
     ----------

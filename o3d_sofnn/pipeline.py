@@ -19,7 +19,7 @@ from .local_fit import Scale, choose_scale, find_outliers
 from .octree import sort_unique
 from .orientation import face, orient
 from .results import NormalEstimate, SurfaceEstimate
-from .rlps import reconstruct_units
+from .rlps import local_surfaces
 from .rules import RuleBase, fit_rules, infer_normals, typical_data
 from .surface import attribute_weights, choose_voxel_size, extract, keep_supported
 
@@ -177,7 +177,7 @@ def reconstruct_surface(
     with clock.stage("local surfaces"):
         inliers = np.ascontiguousarray(learned.points[learned.inliers])
         facing, _, residual = infer_normals(rules, inliers, threads)
-        surfaces = reconstruct_units(rules, inliers, facing, learned.tree, threads)
+        rules, surfaces = local_surfaces(rules, inliers, facing, learned.tree, threads)
     with clock.stage("field"):
         size = choose_voxel_size(
             learned.points,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _kernels
-from .rules import RuleBase
+from .rules import RuleBase, fit_rules, infer_normals
 
 NOISE_PRECISION = 4.0
 """Precision epsilon over the noise level: residuals up to here are noise, not shape."""
@@ -47,6 +47,65 @@ class LocalSurfaces:
     def unresolved(self) -> NDArray[np.bool_]:
         """Units whose largest residual exceeds the precision, for step 3 of Algorithm 2."""
         return self.error > self.precision
+
+    def joined(self, other: LocalSurfaces) -> LocalSurfaces:
+        """Both sets of units, this one first."""
+        return LocalSurfaces(
+            np.concatenate([self.terms, other.terms]),
+            np.concatenate([self.n_terms, other.n_terms]),
+            np.concatenate([self.error, other.error]),
+            np.concatenate([self.worst, other.worst]),
+            np.concatenate([self.precision, other.precision]),
+            self.offset_points + other.offset_points,
+        )
+
+
+SMALLEST = 8
+"""Fewest points of a unit."""
+
+
+def local_surfaces(
+    rules: RuleBase,
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    tree: _kernels.KdTree,
+    n_threads: int,
+) -> tuple[RuleBase, LocalSurfaces]:
+    """Reconstruct all units, and divide those that stay above the precision (Algorithm 2, step 3).
+
+    A unit of half as many points is placed where the residual of its parent is largest; the parent
+    stays, with the lower weight that its residual gives it.
+
+    Parameters
+    ----------
+    rules, points, normals, tree, n_threads
+        As in :func:`reconstruct_units`.
+
+    Returns
+    -------
+    rules : RuleBase
+        With the rules of the new units at the end.
+    surfaces : LocalSurfaces
+        One a rule.
+    """
+    surfaces = reconstruct_units(rules, points, normals, tree, n_threads)
+    divide = np.flatnonzero(surfaces.unresolved & (rules.n_neighbors >= 2 * SMALLEST))
+    if not len(divide):
+        return rules, surfaces
+    centers = surfaces.worst[divide]
+    children = fit_rules(
+        points,
+        tree,
+        centers,
+        rules.n_neighbors[divide] // 2,
+        rules.noise[divide],
+        n_threads,
+        normals=normals,
+        sides=infer_normals(rules, centers, n_threads)[0],
+        confidence=rules.confidence[divide],
+    )
+    finer = reconstruct_units(children, points, normals, tree, n_threads)
+    return rules.joined(children), surfaces.joined(finer)
 
 
 def reconstruct_units(

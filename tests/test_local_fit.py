@@ -20,6 +20,11 @@ def scale_of(points, **limits):
     return choose_scale(points, KdTree(points, 1), *limit, 1)
 
 
+def outliers_of(cloud):
+    tree = KdTree(cloud, 1)
+    return find_outliers(cloud, tree, choose_scale(cloud, tree, None, None, 1), 1)
+
+
 @pytest.mark.parametrize("noise", [0.001, 0.003, 0.01])
 @pytest.mark.parametrize("name", SHAPES)
 def test_noise_level_is_found_within_fifteen_percent(name, noise):
@@ -93,17 +98,17 @@ def test_uniform_outliers_are_found(name, noise):
     center, edge = 0.5 * (points.min(axis=0) + points.max(axis=0)), 1.5 * size
     alone = center + np.random.default_rng(5).uniform(-0.5, 0.5, (50, 3)) * edge
     cloud = np.concatenate([points, alone])
-    outlier = find_outliers(cloud, KdTree(cloud, 1), 1)
+    outlier = outliers_of(cloud)
     assert outlier[5000:].mean() > 0.6
     assert outlier[:5000].mean() < 0.002
 
 
 def test_uneven_density_is_no_outlier():
     cloud = join(sphere(8000), sphere(300).moved((5.0, 0.0, 0.0))).points
-    assert find_outliers(cloud, KdTree(cloud, 1), 1).mean() < 0.002
+    assert outliers_of(cloud).mean() < 0.002
 
 
 @pytest.mark.parametrize("n", [1, 3, 4, 9])
 def test_few_points_are_no_outliers(n):
     cloud = sphere(n).points
-    assert not find_outliers(cloud, KdTree(cloud, 1), 1).any()
+    assert not outliers_of(cloud).any()

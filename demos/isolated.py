@@ -1,0 +1,157 @@
+"""Run one function in a process of its own: a crash, a hang or a leak there stays there."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import re
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a call.
+
+    Attributes
+    ----------
+    value : object
+        What the function returned; None after a failure.
+    error : str or None
+        One line about the failure; None after success.
+    seconds : float
+        Wall time of the function alone, without the start of the process; all of it after a
+        failure.
+    peak_mb : float or None
+        Largest resident memory of the process, in MB, imports included; None where the system
+        does not tell.
+    """
+
+    value: Any
+    error: str | None
+    seconds: float
+    peak_mb: float | None
+
+
+def call(
+    function: Callable[..., Any],
+    *args: Any,
+    timeout: float,
+    environment: dict[str, str] | None = None,
+) -> Outcome:
+    """Call ``function(*args)`` in a new process and wait for it.
+
+    Parameters
+    ----------
+    function : callable
+        At the top level of a module. Its arguments and result must be picklable.
+    *args : object
+        Its arguments.
+    timeout : float
+        Seconds until the process is ended.
+    environment : dict of str to str, optional
+        Variables that the new process has beside those of this one.
+
+    Returns
+    -------
+    Outcome
+        Never raises for a failure of the function; Ctrl-C ends the process and propagates.
+    """
+    # A new interpreter: threads and graphics contexts do not survive a fork.
+    context = multiprocessing.get_context("spawn")
+    receiver, sender = context.Pipe(duplex=False)
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder, "log")
+        process = context.Process(target=_child, args=(sender, log, function, args), daemon=True)
+        started = time.perf_counter()
+        try:
+            with _deaf_to_interrupts(), mock.patch.dict(os.environ, environment or {}):
+                process.start()
+            sender.close()
+            if receiver.poll(timeout):
+                return Outcome(*receiver.recv())
+            message = f"stopped after {timeout:.0f} s"
+        except EOFError:
+            process.join()
+            message = _death(process.exitcode) + _last_line(log)
+        finally:
+            if process.pid is not None:
+                process.kill()
+                process.join()
+            receiver.close()
+    return Outcome(None, message, time.perf_counter() - started, None)
+
+
+@contextlib.contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Start a process that never hears Ctrl-C, which reaches the whole group of processes.
+
+    A new process inherits that the signal is blocked. Here it must wait until the start is over,
+    whichever thread gets it: half a start would leave a process that nobody ends.
+    """
+    heard: list[int] = []
+    handler = signal.signal(signal.SIGINT, lambda number, frame: heard.append(number))
+    blocked = hasattr(signal, "pthread_sigmask")
+    if blocked:
+        # Python's own helper process would unblock the signal when it starts.
+        resource_tracker.ensure_running()
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        if blocked:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.signal(signal.SIGINT, handler)
+    if heard:
+        raise KeyboardInterrupt
+
+
+def _child(sender: Connection, log: Path, function: Callable[..., Any], args: tuple) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # for Windows, where nothing can be blocked
+    with log.open("w") as stream:
+        # Libraries written in C++ print past Python's streams.
+        os.dup2(stream.fileno(), 1)
+        os.dup2(stream.fileno(), 2)
+    started = time.perf_counter()
+    value, error = None, None
+    try:
+        value = function(*args)
+    except MemoryError:
+        error = "not enough memory"
+    except Exception as failure:  # whatever it is, it belongs into the report
+        text = str(failure).strip().splitlines() or [""]
+        error = f"{type(failure).__name__}: {text[0]}"[:300]
+    sender.send((value, error, time.perf_counter() - started, _peak_mb()))
+
+
+def _peak_mb() -> float | None:
+    status = Path("/proc/self/status")
+    if status.exists():  # getrusage would count what the parent had before it started this process
+        found = re.search(r"VmHWM:\s+(\d+) kB", status.read_text())
+        return int(found[1]) / 1024.0 if found else None
+    if sys.platform == "darwin":
+        import resource
+
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2.0**20
+    return None
+
+
+def _death(code: int | None) -> str:
+    if code is not None and code < 0:
+        return f"crashed ({signal.Signals(-code).name})"
+    return f"ended with exit code {code}"
+
+
+def _last_line(log: Path) -> str:
+    lines = log.read_text(errors="replace").strip().splitlines() if log.exists() else []
+    return f": {lines[-1][:200]}" if lines else ""

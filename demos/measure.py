@@ -1,0 +1,113 @@
+"""How good a mesh is: against the points alone, and against the true surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from peers import Mesh
+
+from o3d_sofnn import metrics
+
+Array = NDArray[Any]
+
+F_SCORE_DISTANCE = 0.002
+"""Threshold of the F-score, in parts of the diagonal."""
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A closed mesh, and its normals where the points were drawn."""
+
+    vertices: Array
+    triangles: Array
+    normals: Array
+
+
+FIGURES = {
+    "seconds": "time, s",
+    "peak_mb": "memory, MB",
+    "triangles": "triangles",
+    "components": "components",
+    "holes": "holes",
+    "watertight": "watertight",
+    "manifold": "manifold",
+    "input_mean": "input to surface, mean",
+    "input_max": "input to surface, largest",
+    "chamfer": "Chamfer",
+    "hausdorff": "Hausdorff",
+    "f_score": "F-score",
+    "normal_consistency": "normal consistency",
+    "flipped": "flipped normals, %",
+}
+"""Columns and their titles; distances are in thousandths of the diagonal."""
+
+
+def figures(points: Array, mesh: Mesh, truth: Truth | None, count: int) -> dict[str, float]:
+    """Measure a mesh.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        The input.
+    mesh : Mesh
+        The result.
+    truth : Truth or None
+        The true surface, when it is known.
+    count : int
+        Points drawn from each surface for the comparison with the truth.
+
+    Returns
+    -------
+    dict of str to float
+        Keys of ``FIGURES``, without time and memory. Those that need a truth are missing without.
+    """
+    v, f = mesh.vertices, mesh.triangles
+    unit = 1e-3 * float(np.linalg.norm(np.ptp(points, axis=0)))
+    inward = distances(points, v, f)[0] / unit
+    found = {
+        "triangles": len(f),
+        "components": metrics.component_labels(f)[0],
+        "holes": _count_loops(metrics.boundary_edges(f)),
+        "watertight": float(metrics.is_watertight(f)),
+        "manifold": float(metrics.is_edge_manifold(f) and metrics.is_vertex_manifold(f)),
+        "input_mean": inward.mean(),
+        "input_max": inward.max(),
+    }
+    if truth is not None:
+        here, here_normals = metrics.sample_surface(v, f, count)
+        there, there_normals = metrics.sample_surface(truth.vertices, truth.triangles, count)
+        out, out_normals = distances(here, truth.vertices, truth.triangles)
+        back, back_normals = distances(there, v, f)
+        out, back = out / unit, back / unit
+        limit = 1e3 * F_SCORE_DISTANCE
+        precision, recall = (out < limit).mean(), (back < limit).mean()
+        found["chamfer"] = 0.5 * (out.mean() + back.mean())
+        found["hausdorff"] = max(out.max(), back.max())
+        found["f_score"] = 2.0 * precision * recall / max(precision + recall, 1e-12)
+        found["normal_consistency"] = 0.5 * (
+            np.einsum("ij,ij->i", here_normals, out_normals).mean()
+            + np.einsum("ij,ij->i", there_normals, back_normals).mean()
+        )
+        if mesh.normals is not None:
+            found["flipped"] = 100.0 * metrics.flipped_fraction(mesh.normals, truth.normals)
+    return {key: float(value) for key, value in found.items()}
+
+
+def distances(x: Array, vertices: Array, triangles: Array) -> tuple[Array, Array]:
+    """Return distances of (n, 3) places from a mesh, and the normals of the nearest triangles."""
+    import igl
+
+    squared, nearest, _ = igl.point_mesh_squared_distance(x, vertices, triangles.astype(np.int64))
+    a, b, c = (vertices[triangles[nearest, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.sqrt(squared), normals / np.maximum(length, 1e-300)
+
+
+def _count_loops(edges: Array) -> int:
+    """Count the connected groups of border edges."""
+    # As triangles with a repeated corner, edges are what component_labels takes.
+    return metrics.component_labels(edges[:, [0, 1, 1]])[0] if len(edges) else 0
