@@ -259,6 +259,11 @@ def test_importing_the_package_is_cheap(tmp_path):
         _ = o3d_sofnn.nonsense
 
 
+def heed_interrupts():
+    # A test run in the background of a shell ignores SIGINT, and its children inherit that.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.mark.parametrize("command", ["normals", "reconstruct"])
 def test_ctrl_c_leaves_no_half_file(tmp_path, command):
     scan = write_scan(tmp_path / "scan.ply", shapes.torus(200_000))
@@ -267,7 +272,12 @@ def test_ctrl_c_leaves_no_half_file(tmp_path, command):
     before = sorted(tmp_path.iterdir())
     arguments = [*COMMAND, command, str(scan), str(output), "--progress", "plain"]
     with subprocess.Popen(
-        arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
+        arguments,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+        preexec_fn=heed_interrupts,
     ) as process:
         for line in process.stdout:
             # The first report from within the work, after loading and reading.

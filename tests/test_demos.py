@@ -97,6 +97,11 @@ def test_an_input_that_takes_too_long_loses_only_itself(run: Run, tmp_path: Path
     assert result.stdout.count("failed: stopped after") == 3
 
 
+def heed_interrupts() -> None:
+    # A test run in the background of a shell ignores SIGINT, and its children inherit that.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def test_ctrl_c_ends_a_demo_quietly(tmp_path: Path) -> None:
     if sys.platform == "win32":
         pytest.skip("there is no SIGINT to send")
@@ -106,6 +111,7 @@ def test_ctrl_c_ends_a_demo_quietly(tmp_path: Path) -> None:
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        preexec_fn=heed_interrupts,
     ) as process:
         assert process.stdout is not None
         process.stdout.readline()
