@@ -212,7 +212,7 @@ def reconstruct_surface(
         source_weights=weights,
         normals=estimate,
         offset_points=surfaces.offset_points,
-        voxel_size=size * learned.extent,
+        voxel_size=voxel_size or size * learned.extent,
         seconds=clock.seconds,
         watertight=metrics.is_closed(triangles),
     )

@@ -283,12 +283,13 @@ def test_unregister_takes_everything_back(ms: Any) -> None:
         ms.apply_filter(RECONSTRUCT)
 
 
-def test_the_algorithm_never_imports_pymeshlab() -> None:
+def test_the_algorithm_never_imports_pymeshlab(tmp_path: Path) -> None:
     code = (
         "import sys, o3d_sofnn.pipeline, o3d_sofnn.operators, o3d_sofnn.io;"
         "sys.exit('pymeshlab' in sys.modules)"
     )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    run = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=False)
+    assert run.returncode == 0
 
 
 def test_a_users_script(tmp_path: Path) -> None:
