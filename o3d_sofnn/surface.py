@@ -17,6 +17,9 @@ Evaluate = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np
 
 MARGIN = 8
 """Cubes between the data and the wall of the domain, outside of which there is no inside."""
+SIDE = 1024
+"""Cubes along the longest side that are never too many, however few points a wide scene has; an
+object with n points has about sqrt(n) spacings along its side."""
 SAMPLES = 16
 """Fewest samples on a closed piece of surface that is kept."""
 
@@ -160,7 +163,7 @@ def choose_voxel_size(
     depth: int | None,
     voxel_size: float | None,
 ) -> float:
-    """Edge of a cube: what the user wants, or what spacing and noise support.
+    """Edge of a cube: what the user wants, or what spacing, noise and the number of points support.
 
     Parameters
     ----------
@@ -184,7 +187,9 @@ def choose_voxel_size(
         return voxel_size
     if depth is not None:
         return float(np.ptp(points, axis=0).max() / 2**depth)
-    return max(0.75 * spacing, 0.25 * float(np.median(rules.radius)))
+    wanted = max(0.75 * spacing, 0.25 * float(np.median(rules.radius)))
+    finest = float(np.ptp(points, axis=0).max() / max(SIDE, 1.25 * np.sqrt(len(points))))
+    return max(wanted, finest)
 
 
 def keep_supported(
