@@ -97,8 +97,11 @@ class Field:
         return values, share
 
     def _evaluate(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        distance, nearest = self._samples.query(x, 1, np.inf, self.n_threads)
-        share = fade(distance[:, 0] / self._spacing[nearest[:, 0]], *REACH)
+        # Beyond the reach of the widest spacing the search ends at once: an infinite distance.
+        limit = REACH[1] * float(self._spacing.max())
+        distance, nearest = self._samples.query(x, 1, limit, self.n_threads)
+        spacing = self._spacing[np.minimum(nearest[:, 0], len(self._spacing) - 1)]
+        share = fade(distance[:, 0] / spacing, *REACH)
         excess = self.level - self.winding_number(x)
         weight = share * fade(np.abs(excess), *CERTAIN)
         far = self._width * excess

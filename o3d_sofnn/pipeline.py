@@ -21,7 +21,7 @@ from .orientation import face, orient
 from .results import NormalEstimate, SurfaceEstimate
 from .rlps import local_surfaces
 from .rules import RuleBase, fit_rules, infer_normals, typical_data
-from .surface import attribute_weights, choose_voxel_size, extract, keep_supported
+from .surface import attribute_weights, choose_voxel_size, extract, keep_supported, mesh_normals
 
 __all__ = ["NormalEstimate", "SurfaceEstimate", "estimate_normals", "reconstruct_surface"]
 
@@ -199,7 +199,9 @@ def reconstruct_surface(
             reason = "the points are too few or too flat" if trim is None else "trim removed it all"
             raise ValueError(f"points define no surface at this resolution: {reason}")
     with clock.stage("attributes"):
-        vertex_normals = infer_normals(rules, vertices, threads)[0]
+        vertex_normals = mesh_normals(vertices, triangles)
+        near = np.flatnonzero(confidence > 0.0)
+        vertex_normals[near] = infer_normals(rules, vertices[near], threads)[0]
         weights = attribute_weights(
             vertices, (points - learned.middle) / learned.extent, size, threads
         )

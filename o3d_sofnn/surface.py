@@ -239,6 +239,19 @@ def keep_supported(
     return vertices[used], number[triangles], confidence[used]
 
 
+def mesh_normals(
+    vertices: NDArray[np.float64], triangles: NDArray[np.int32]
+) -> NDArray[np.float64]:
+    """Average the normals of the triangles by their area; unit vertex normals, (m, 3)."""
+    a, b, c = vertices[triangles].transpose(1, 0, 2)
+    facing = np.cross(b - a, c - a)
+    total = np.stack(
+        [np.bincount(triangles.ravel(), np.repeat(f, 3), len(vertices)) for f in facing.T], axis=1
+    )
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.where(length > 0, total / np.maximum(length, 1e-300), [0.0, 0.0, 1.0])
+
+
 def attribute_weights(
     vertices: NDArray[np.float64], points: NDArray[np.float64], size: float, n_threads: int
 ) -> scipy.sparse.csr_matrix:
