@@ -64,32 +64,43 @@ def fit_rules(
     :func:`fit_scales`.
     """
 
-def infer_normals(
-    tree: KdTree,
-    x: _Floats,
-    centers: _Floats,
-    frames: _Floats,
-    coefficients: _Floats,
-    radius: _Floats,
-    tolerance: _Floats,
-    quality: _Floats,
-    k: int,
-    n_threads: int,
-) -> tuple[_Floats, _Floats]:
+class RuleView:
+    """The arrays of a rule base, copied, and a tree over its centres.
+
+    Parameters
+    ----------
+    centers : (r, 3) float64
+    frames : (r, 3, 3) float64
+    coefficients : (r, 6) float64
+    radius, tolerance, quality : (r,) float64
+    n_threads : int
+    """
+
+    def __init__(
+        self,
+        centers: _Floats,
+        frames: _Floats,
+        coefficients: _Floats,
+        radius: _Floats,
+        tolerance: _Floats,
+        quality: _Floats,
+        n_threads: int,
+    ) -> None: ...
+    @property
+    def size(self) -> int:
+        """Number of rules."""
+
+def infer_normals(rules: RuleView, x: _Floats, k: int, n_threads: int) -> tuple[_Floats, _Floats]:
     """Infer a normal at every row of `x` from the `k` nearest rules, eq. (7) and (9).
 
-    `tree` is over `centers`. Returns unit normals (m, 3), and (m, 2): agreement of the rules,
-    residual to the best one.
+    Returns unit normals (m, 3), and (m, 2): agreement of the rules, residual to the best one.
     """
 
 def reconstruct_units(
     tree: KdTree,
     points: _Floats,
     normals: _Floats,
-    centers: _Floats,
-    frames: _Floats,
-    coefficients: _Floats,
-    radius: _Floats,
+    rules: RuleView,
     n_neighbors: _Ints,
     tolerance: _Floats,
     n_threads: int,
@@ -102,40 +113,20 @@ def reconstruct_units(
     """
 
 def evaluate_field(
-    tree: KdTree,
-    x: _Floats,
-    centers: _Floats,
-    frames: _Floats,
-    coefficients: _Floats,
-    radius: _Floats,
-    tolerance: _Floats,
-    quality: _Floats,
-    rbf: _Floats,
-    terms: _Ints,
-    k: int,
-    n_threads: int,
+    rules: RuleView, rbf: _Floats, terms: _Ints, x: _Floats, k: int, n_threads: int
 ) -> _Floats:
     """Signed distance (m,) at every row of `x`, blended from the `k` nearest rules, eq. (9).
 
-    `tree` is over `centers`; `rbf` and `terms` come from :func:`reconstruct_units`.
+    `rbf` and `terms` come from :func:`reconstruct_units`.
     """
 
 def basis_functions(
-    tree: KdTree,
-    x: _Floats,
-    centers: _Floats,
-    frames: _Floats,
-    coefficients: _Floats,
-    radius: _Floats,
-    tolerance: _Floats,
-    quality: _Floats,
-    k: int,
-    n_threads: int,
+    rules: RuleView, x: _Floats, k: int, n_threads: int
 ) -> tuple[_Ints, _Floats, _Floats]:
     """Evaluate the fuzzy basis functions of the `k` nearest rules at every row of `x`, eq. (9).
 
-    `tree` is over `centers`. Returns rules, values that sum to one, and signed distances to the
-    quadrics, (m, k) each; zeros where there are fewer than `k` rules.
+    Returns rules, values that sum to one, and signed distances to the quadrics, (m, k) each; zeros
+    where there are fewer than `k` rules.
     """
 
 def typical_data(

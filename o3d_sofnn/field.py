@@ -58,9 +58,7 @@ class Field:
         self._samples = _kernels.KdTree(samples, n_threads)
         self._spacing = spacing
         self.n_threads = n_threads
-        self._tree = _kernels.KdTree(rules.centers, n_threads)
-        self._frames = np.ascontiguousarray(rules.frames)
-        self._coefficients = np.ascontiguousarray(rules.coefficients)
+        self._view = rules.view(n_threads)
         weight = cell_areas(samples, n_threads)
         self._dipoles = weight[:, None] * normals
         self._far_tree = _kernels.WindingTree(samples, weight)
@@ -108,16 +106,10 @@ class Field:
         values = far.copy()
         near = np.flatnonzero(share > 0.0)
         local = _kernels.evaluate_field(
-            self._tree,
-            np.ascontiguousarray(x[near]),
-            self.rules.centers,
-            self._frames,
-            self._coefficients,
-            self.rules.radius,
-            self.rules.tolerance,
-            self.rules.quality,
+            self._view,
             self.surfaces.terms,
             self.surfaces.n_terms,
+            np.ascontiguousarray(x[near]),
             min(NEAREST, len(self.rules)),
             self.n_threads,
         )

@@ -112,18 +112,7 @@ def adjust(rules: RuleBase, points: NDArray[np.float64], n_threads: int) -> Rule
         The same rules, moved along their normals.
     """
     k = min(NEAREST, len(rules))
-    index, basis, height = _kernels.basis_functions(
-        _kernels.KdTree(rules.centers, n_threads),
-        points,
-        rules.centers,
-        np.ascontiguousarray(rules.frames),
-        np.ascontiguousarray(rules.coefficients),
-        rules.radius,
-        rules.tolerance,
-        rules.quality,
-        k,
-        n_threads,
-    )
+    index, basis, height = _kernels.basis_functions(rules.view(n_threads), points, k, n_threads)
     error = (basis * height).sum(axis=1)  # Eq. (7)
     gradient = np.bincount(index.ravel(), (basis * error[:, None]).ravel(), len(rules))
     share = np.bincount(index.ravel(), basis.ravel(), len(rules))

@@ -117,6 +117,18 @@ class RuleBase:
             noise=scale * self.noise,
         )
 
+    def view(self, n_threads: int) -> _kernels.RuleView:
+        """Copy the rules for the native kernels that infer from them."""
+        return _kernels.RuleView(
+            self.centers,
+            np.ascontiguousarray(self.frames),
+            np.ascontiguousarray(self.coefficients),
+            self.radius,
+            self.tolerance,
+            self.quality,
+            n_threads,
+        )
+
     def joined(self, other: RuleBase) -> RuleBase:
         """Both rule bases, this one first."""
         return RuleBase(
@@ -238,17 +250,5 @@ def infer_normals(
     residual : (n,) float64
         Signed distance to the quadric of the rule with the largest membership.
     """
-    tree = _kernels.KdTree(rules.centers, n_threads)
-    normals, info = _kernels.infer_normals(
-        tree,
-        x,
-        rules.centers,
-        np.ascontiguousarray(rules.frames),
-        np.ascontiguousarray(rules.coefficients),
-        rules.radius,
-        rules.tolerance,
-        rules.quality,
-        min(k, len(rules)),
-        n_threads,
-    )
+    normals, info = _kernels.infer_normals(rules.view(n_threads), x, min(k, len(rules)), n_threads)
     return np.asarray(normals), np.asarray(info[:, 0]), np.asarray(info[:, 1])

@@ -20,7 +20,12 @@ def random_rules(n=300, seed=0):
     radius = rng.uniform(0.2, 0.5, n)
     tolerance = rng.uniform(0.02, 0.2, n) * radius
     quality = np.where(rng.random(n) < 0.1, 0.0, rng.uniform(0.0, 1.0, n))
-    return centers, frames, coefficients, radius, tolerance, quality
+    return reference.Rules(centers, frames, coefficients, radius, tolerance, quality)
+
+
+def view(rules):
+    """The same rules for the kernels."""
+    return _kernels.RuleView(*rules, 1)
 
 
 def random_terms(n=300, seed=0):
@@ -31,8 +36,8 @@ def random_terms(n=300, seed=0):
 
 def places_near(rules, seed=1):
     rng = np.random.default_rng(seed)
-    near = rules[0] + rng.normal(0.0, 0.1, rules[0].shape)
-    return np.concatenate([near, rng.uniform(-3.0, 3.0, (100, 3)), rules[0][:20]])
+    near = rules.centers + rng.normal(0.0, 0.1, rules.centers.shape)
+    return np.concatenate([near, rng.uniform(-3.0, 3.0, (100, 3)), rules.centers[:20]])
 
 
 def unit_data(points, normals, tolerance=0.002):
@@ -49,4 +54,5 @@ def unit_data(points, normals, tolerance=0.002):
     frames[inward, 1:] *= -1.0
     coefficients[inward] *= MIRROR
     radius = np.ascontiguousarray(info[:, 2])
-    return points, normals, centers, frames, coefficients, radius, sizes, np.full(n, tolerance)
+    rules = reference.Rules(centers, frames, coefficients, radius, np.ones(n), np.ones(n))
+    return points, normals, rules, sizes, np.full(n, tolerance)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kernel_data import MIRROR, places_near, random_rules, random_terms, unit_data
+from kernel_data import MIRROR, places_near, random_rules, random_terms, unit_data, view
 from shapes import box, sphere, torus
 
 from o3d_sofnn import _kernels, reference
@@ -221,20 +221,22 @@ def test_results_do_not_depend_on_the_number_of_threads(n_threads):
     rules = random_rules(1500)
     x = places_near(rules)
     sizes, robust = np.full(len(points), 20), np.full(len(points), 0.02)
+    data, normal, unit_rules, *rest = unit_data(points, normals)
+    units = data, normal, view(unit_rules), *rest
     area, mu = np.ones(len(points)), normals / len(points)
 
     def everything(threads):
-        tree, rule_tree = _kernels.KdTree(points, threads), _kernels.KdTree(rules[0], threads)
+        tree = _kernels.KdTree(points, threads)
         yield from tree.query(x, 9, np.inf, threads)
         yield from _kernels.fit_scales(tree, points, points[::7], np.array([8, 27]), threads)
         yield from _kernels.fit_rules(
             tree, points, points, sizes, robust, 2, normals, normals, threads
         )
         yield _kernels.typical_data(*cells_of(points), 8, 1e-2, threads)
-        yield from _kernels.infer_normals(rule_tree, x, *rules, 12, threads)
-        yield from _kernels.reconstruct_units(tree, *unit_data(points, normals), threads)
-        yield from _kernels.basis_functions(rule_tree, x, *rules, 12, threads)
-        yield _kernels.evaluate_field(rule_tree, x, *rules, *random_terms(1500), 16, threads)
+        yield from _kernels.infer_normals(view(rules), x, 12, threads)
+        yield from _kernels.reconstruct_units(tree, *units, threads)
+        yield from _kernels.basis_functions(view(rules), x, 12, threads)
+        yield _kernels.evaluate_field(view(rules), *random_terms(1500), x, 16, threads)
         widths = np.full(len(x), 0.1)
         yield from _kernels.WindingTree(points, area).evaluate(mu, area, x, widths, 0.5, threads)
 

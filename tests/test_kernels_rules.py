@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kernel_data import places_near, random_rules, random_terms, unit_data
+from kernel_data import places_near, random_rules, random_terms, unit_data, view
 from shapes import box, sphere
 
 from o3d_sofnn import _kernels, reference
@@ -16,8 +16,8 @@ from o3d_sofnn import _kernels, reference
 def test_inferred_normals(k):
     rules = random_rules()
     x = places_near(rules)
-    normals, info = _kernels.infer_normals(_kernels.KdTree(rules[0], 1), x, *rules, k, 2)
-    expected_normals, expected_info = reference.infer_normals(x, *rules, k)
+    normals, info = _kernels.infer_normals(view(rules), x, k, 2)
+    expected_normals, expected_info = reference.infer_normals(rules, x, k)
     np.testing.assert_allclose(normals, expected_normals, rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(info, expected_info, rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-12)
@@ -27,8 +27,8 @@ def test_inferred_normals(k):
 def test_fuzzy_basis_functions(k):
     rules = random_rules()
     x = places_near(rules)
-    found = _kernels.basis_functions(_kernels.KdTree(rules[0], 1), x, *rules, k, 2)
-    index, share, height = reference.basis_functions(x, *rules, k)
+    found = _kernels.basis_functions(view(rules), x, k, 2)
+    index, share, height = reference.basis_functions(rules, x, k)
     np.testing.assert_array_equal(found[0], index)
     np.testing.assert_allclose(found[1], share, rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(found[2], height, rtol=0.0, atol=1e-9)
@@ -37,10 +37,9 @@ def test_fuzzy_basis_functions(k):
 
 def test_rules_that_cancel_leave_the_best_one():
     frames = np.array([np.eye(3), np.diag([1.0, -1.0, -1.0])])
-    rules = (np.zeros((2, 3)), frames, np.zeros((2, 6)), np.ones(2), np.ones(2), np.ones(2))
-    normals, info = _kernels.infer_normals(
-        _kernels.KdTree(rules[0], 1), np.zeros((1, 3)), *rules, 2, 1
-    )
+    ones = np.ones(2)
+    rules = reference.Rules(np.zeros((2, 3)), frames, np.zeros((2, 6)), ones, ones, ones)
+    normals, info = _kernels.infer_normals(view(rules), np.zeros((1, 3)), 2, 1)
     assert abs(normals[0, 2]) == 1.0
     assert np.isfinite(info).all()
 
@@ -48,7 +47,7 @@ def test_rules_that_cancel_leave_the_best_one():
 def test_normals_far_from_every_rule_are_unit():
     rules = random_rules()
     x = np.array([[1e3, 0.0, 0.0], [0.0, 1e6, 0.0]])
-    normals, _ = _kernels.infer_normals(_kernels.KdTree(rules[0], 1), x, *rules, 12, 1)
+    normals, _ = _kernels.infer_normals(view(rules), x, 12, 1)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-12)
 
 
@@ -56,8 +55,8 @@ def test_normals_far_from_every_rule_are_unit():
 def test_field(k):
     rules, terms = random_rules(), random_terms()
     x = places_near(rules)
-    values = _kernels.evaluate_field(_kernels.KdTree(rules[0], 1), x, *rules, *terms, k, 2)
-    expected = reference.evaluate_field(x, *rules, *terms, k)
+    values = _kernels.evaluate_field(view(rules), *terms, x, k, 2)
+    expected = reference.evaluate_field(rules, *terms, x, k)
     np.testing.assert_allclose(values, expected, rtol=0.0, atol=1e-9)
 
 
@@ -73,8 +72,8 @@ def corner(convex):
     centers = np.concatenate([np.stack(p, 1) for p in ((zero, a, b), (a, zero, b), (a, b, zero))])
     frames = np.repeat([reference.local_fit.frame_of(n) for n in np.eye(3)], len(a), axis=0)
     n = len(centers)
-    rest = np.zeros((n, 6)), np.full(n, 0.3), np.full(n, 0.01), np.ones(n), *no_terms(n)
-    return np.ascontiguousarray(centers), np.ascontiguousarray(frames), *rest
+    arrays = np.zeros((n, 6)), np.full(n, 0.3), np.full(n, 0.01), np.ones(n)
+    return reference.Rules(np.ascontiguousarray(centers), np.ascontiguousarray(frames), *arrays)
 
 
 @pytest.mark.parametrize("convex", [True, False])
@@ -83,7 +82,8 @@ def test_field_keeps_edges_sharp(convex):
     inner = -0.5 if convex else 0.5
     across = np.random.default_rng(0).uniform(-0.05, 0.05, (200, 2))
     x = np.column_stack([across, np.full(200, inner)])
-    values = _kernels.evaluate_field(_kernels.KdTree(rules[0], 1), x, *rules, 16, 1)
+    terms = no_terms(len(rules.centers))
+    values = _kernels.evaluate_field(view(rules), *terms, x, 16, 1)
     exact = across.max(axis=1) if convex else across.min(axis=1)
     np.testing.assert_allclose(values, exact, rtol=0.0, atol=1e-12)
 
@@ -91,10 +91,16 @@ def test_field_keeps_edges_sharp(convex):
 # --- local progressive surfaces
 
 
+def reconstruct(data, n_threads):
+    points, normals, rules, *rest = data
+    tree = _kernels.KdTree(points, 1)
+    return _kernels.reconstruct_units(tree, points, normals, view(rules), *rest, n_threads)
+
+
 @pytest.mark.parametrize("tolerance", [0.0, 0.002, 0.02, 1.0])
 def test_local_progressive_surfaces(tolerance):
     data = unit_data(*box(600).noisy(0.005), tolerance)
-    found = _kernels.reconstruct_units(_kernels.KdTree(data[0], 1), *data, 2)
+    found = reconstruct(data, 2)
     rbf, terms, error, worst = map(np.asarray, found)
     expected = reference.reconstruct_units(*data)
     np.testing.assert_array_equal(terms, expected[1])
@@ -109,7 +115,7 @@ def test_local_progressive_surfaces(tolerance):
 def test_centers_make_the_residual_smaller():
     shape = box(600)
     coarse, fine = (
-        np.asarray(_kernels.reconstruct_units(_kernels.KdTree(shape.points, 1), *data, 1)[2])
+        np.asarray(reconstruct(data, 1)[2])
         for data in (unit_data(*shape, 1.0), unit_data(*shape, 0.001))
     )
     assert (fine <= coarse + 1e-12).mean() > 0.95
@@ -119,8 +125,8 @@ def test_centers_make_the_residual_smaller():
 def test_units_without_points_on_their_side_keep_the_quadric():
     data = list(unit_data(*sphere(400)))
     data[1] = -data[1]
-    rbf, terms, error, worst = _kernels.reconstruct_units(_kernels.KdTree(data[0], 1), *data, 1)
+    rbf, terms, error, worst = reconstruct(data, 1)
     assert not np.asarray(rbf).any()
     assert not np.asarray(terms).any()
     assert not np.asarray(error).any()
-    np.testing.assert_array_equal(worst, data[2])
+    np.testing.assert_array_equal(worst, data[2].centers)

@@ -103,25 +103,32 @@ NB_MODULE(_kernels, m) {
         },
         "tree"_a, "points"_a, "centers"_a, "n_neighbors"_a, "robust"_a, "iterations"_a, "normals"_a.none(), "sides"_a.none(), "n_threads"_a);
 
+  nb::class_<RuleView>(m, "RuleView")
+      .def_prop_ro("size", [](const RuleView& v) { return v.rules.size(); })
+      .def("__init__",
+           [](RuleView* v, Points centers, Frames frames, Coefficients coef, Doubles radius, Doubles tolerance, Doubles quality, int threads) {
+             new (v) RuleView(centers.data(), frames.data(), coef.data(), radius.data(), tolerance.data(), quality.data(), centers.shape(0), threads);
+           },
+           "centers"_a, "frames"_a, "coefficients"_a, "radius"_a, "tolerance"_a, "quality"_a, "n_threads"_a, nb::call_guard<nb::gil_scoped_release>());
+
   m.def("infer_normals",
-        [](const KdTree& t, Points x, Points centers, Frames frames, Coefficients coef, Doubles radius, Doubles tolerance, Doubles confidence, int64_t k, int threads) {
+        [](const RuleView& rules, Points x, int64_t k, int threads) {
           const size_t n = x.shape(0);
           std::vector<double> normal(3 * n), info(2 * n);
           {
             nb::gil_scoped_release release;
-            const RuleView rules{centers.data(), frames.data(), coef.data(), radius.data(), tolerance.data(), confidence.data()};
             parallel_for(n, 256, threads, [&](int64_t lo, int64_t hi) {
               InferenceScratch s;
-              for (int64_t i = lo; i < hi; ++i) infer_normal(t, rules, load(x.data() + 3 * i), k, s, &normal[3 * i], &info[2 * i]);
+              for (int64_t i = lo; i < hi; ++i) infer_normal(rules, load(x.data() + 3 * i), k, s, &normal[3 * i], &info[2 * i]);
             });
           }
           return nb::make_tuple(array(std::move(normal), {n, 3}), array(std::move(info), {n, 2}));
         },
-        "tree"_a, "x"_a, "centers"_a, "frames"_a, "coefficients"_a, "radius"_a, "tolerance"_a, "quality"_a, "k"_a, "n_threads"_a);
+        "rules"_a, "x"_a, "k"_a, "n_threads"_a);
 
   m.def("reconstruct_units",
-        [](const KdTree& t, Points p, Points normals, Points centers, Frames frames, Coefficients coef, Doubles radius, Ints neighbors, Doubles tolerance, int threads) {
-          const size_t n = centers.shape(0);
+        [](const KdTree& t, Points p, Points normals, const RuleView& rules, Ints neighbors, Doubles tolerance, int threads) {
+          const size_t n = rules.rules.size();
           std::vector<double> rbf(n * kTerms * 4, 0.0), error(n), worst(3 * n);
           std::vector<int64_t> terms(n);
           {
@@ -130,15 +137,16 @@ NB_MODULE(_kernels, m) {
               std::vector<Neighbor> near;
               std::vector<double> local;
               for (int64_t i = lo; i < hi; ++i) {
-                const double *f = frames.data() + 9 * i, *q = coef.data() + 6 * i, r = radius.data()[i];
-                const Vec3 c = load(centers.data() + 3 * i);
-                const Vec3 side = load(f + 6) - q[1] * load(f) - q[2] * load(f + 3);
+                const Rule& rule = rules.rules[i];
+                const Frame& f = rule.frame;
+                const double *q = rule.coefficients, r = rule.radius;
+                const Vec3 c = rule.center, side = f.n - q[1] * f.t1 - q[2] * f.t2;
                 t.nearest(c, neighbors.data()[i], r * r, near);
                 local.clear();
                 for (const Neighbor& k : near) {
                   const Vec3 d = (1 / r) * (load(p.data() + 3 * k.index) - c);
                   if (dot(load(normals.data() + 3 * k.index), side) < kSameSide * norm(side)) continue;
-                  local.insert(local.end(), {dot(d, load(f)), dot(d, load(f + 3)), dot(d, load(f + 6))});
+                  local.insert(local.end(), {dot(d, f.t1), dot(d, f.t2), dot(d, f.n)});
                 }
                 const LocalSurface s = reconstruct_unit(local, q, tolerance.data()[i] / r);
                 for (int k = 0; k < s.terms; ++k) {
@@ -146,42 +154,41 @@ NB_MODULE(_kernels, m) {
                   rbf[4 * (i * kTerms + k) + 3] = s.term[k][3];
                 }
                 terms[i] = s.terms, error[i] = s.error * r;
-                store(&worst[3 * i], c + r * (s.worst[0] * load(f) + s.worst[1] * load(f + 3) + s.worst[2] * load(f + 6)));
+                store(&worst[3 * i], c + r * (s.worst[0] * f.t1 + s.worst[1] * f.t2 + s.worst[2] * f.n));
               }
             });
           }
           return nb::make_tuple(array(std::move(rbf), {n, (size_t)kTerms, 4}), array(std::move(terms), {n}), array(std::move(error), {n}), array(std::move(worst), {n, 3}));
         },
-        "tree"_a, "points"_a, "normals"_a, "centers"_a, "frames"_a, "coefficients"_a, "radius"_a, "n_neighbors"_a, "tolerance"_a, "n_threads"_a);
+        "tree"_a, "points"_a, "normals"_a, "rules"_a, "n_neighbors"_a, "tolerance"_a, "n_threads"_a);
 
   m.def("evaluate_field",
-        [](const KdTree& t, Points x, Points centers, Frames frames, Coefficients coef, Doubles radius, Doubles tolerance, Doubles quality, Terms rbf, Ints terms, int64_t k, int threads) {
+        [](const RuleView& rules, Terms rbf, Ints terms, Points x, int64_t k, int threads) {
           const size_t n = x.shape(0);
           std::vector<double> value(n);
           {
             nb::gil_scoped_release release;
-            const RuleView rules{centers.data(), frames.data(), coef.data(), radius.data(), tolerance.data(), quality.data(), rbf.data(), terms.data(), (int64_t)rbf.shape(1)};
+            const TermView local{rbf.data(), terms.data(), (int64_t)rbf.shape(1)};
             parallel_for(n, 256, threads, [&](int64_t lo, int64_t hi) {
               InferenceScratch s;
-              for (int64_t i = lo; i < hi; ++i) value[i] = evaluate_field(t, rules, load(x.data() + 3 * i), k, s);
+              for (int64_t i = lo; i < hi; ++i) value[i] = evaluate_field(rules, local, load(x.data() + 3 * i), k, s);
             });
           }
           return array(std::move(value), {n});
         },
-        "tree"_a, "x"_a, "centers"_a, "frames"_a, "coefficients"_a, "radius"_a, "tolerance"_a, "quality"_a, "rbf"_a, "terms"_a, "k"_a, "n_threads"_a);
+        "rules"_a, "rbf"_a, "terms"_a, "x"_a, "k"_a, "n_threads"_a);
 
   m.def("basis_functions",
-        [](const KdTree& t, Points x, Points centers, Frames frames, Coefficients coef, Doubles radius, Doubles tolerance, Doubles quality, int64_t k, int threads) {
+        [](const RuleView& rules, Points x, int64_t k, int threads) {
           const size_t n = x.shape(0);
           std::vector<double> share(n * k, 0.0), height(n * k, 0.0);
           std::vector<int64_t> index(n * k, 0);
           {
             nb::gil_scoped_release release;
-            const RuleView rules{centers.data(), frames.data(), coef.data(), radius.data(), tolerance.data(), quality.data()};
             parallel_for(n, 256, threads, [&](int64_t lo, int64_t hi) {
               InferenceScratch s;
               for (int64_t i = lo; i < hi; ++i) {
-                const int64_t best = memberships(t, rules, load(x.data() + 3 * i), k, s);
+                const int64_t best = memberships(rules, load(x.data() + 3 * i), k, s);
                 double total = 0;
                 for (size_t j = 0; j < s.neighbors.size(); ++j) total += share[i * k + j] = std::exp(s.log_weight[j] - s.log_weight[best]);
                 for (size_t j = 0; j < s.neighbors.size(); ++j)
@@ -191,7 +198,7 @@ NB_MODULE(_kernels, m) {
           }
           return nb::make_tuple(array(std::move(index), {n, (size_t)k}), array(std::move(share), {n, (size_t)k}), array(std::move(height), {n, (size_t)k}));
         },
-        "tree"_a, "x"_a, "centers"_a, "frames"_a, "coefficients"_a, "radius"_a, "tolerance"_a, "quality"_a, "k"_a, "n_threads"_a);
+        "rules"_a, "x"_a, "k"_a, "n_threads"_a);
 
   m.def("typical_data",
         [](Points p, Ints offsets, Ints clusters, int iterations, double tolerance, int threads) {

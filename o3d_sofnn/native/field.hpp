@@ -28,20 +28,20 @@ inline bool meet_convex(const InferenceScratch& s, int a, int b, double best) {
 
 // Signed distance at x. The rules near x are gathered into at most three faces by their normals; each face blends
 // its local implicits by fuzzy basis functions, eq. (9), and faces combine as solids (Ohtake et al. 2003, sharp features).
-inline double evaluate_field(const KdTree& tree, const RuleView& rules, Vec3 x, int64_t k, InferenceScratch& s) {
-  tree.nearest(x, k, 1e300, s.neighbors);
+inline double evaluate_field(const RuleView& view, const TermView& terms, Vec3 x, int64_t k, InferenceScratch& s) {
+  view.tree.nearest(x, k, 1e300, s.neighbors);
   const int64_t n = static_cast<int64_t>(s.neighbors.size());
   s.log_weight.resize(n), s.normal.resize(n), s.height.resize(n), s.face.assign(n, -1), s.reach.resize(n), s.foot.resize(n);
   double nearest = -1e300;
   for (int64_t i = 0; i < n; ++i) {
     const int64_t j = s.neighbors[i].index;
-    const double *f = rules.frames + 9 * j, *q = rules.coefficients + 6 * j, radius = rules.radius[j];
-    const LocalImplicit local = local_implicit(rules, j, x);
+    const Rule& rule = view.rules[j];
+    const LocalImplicit local = local_implicit(view, j, x, terms);
     s.normal[i] = local.normal, s.height[i] = local.height;
-    s.foot[i] = load(rules.centers + 3 * j) + (radius * q[0]) * load(f + 6);
-    s.reach[i] = -2 * local.sq + std::log(std::max(rules.quality[j], 1e-300));
+    s.foot[i] = rule.center + (rule.radius * rule.coefficients[0]) * rule.frame.n;
+    s.reach[i] = -2 * local.sq + std::log(std::max(rule.quality, 1e-300));
     nearest = std::max(nearest, s.reach[i]);
-    const double z = local.height / std::max(rules.tolerance[j], 0.35 * radius);
+    const double z = local.height / std::max(rule.tolerance, 0.35 * rule.radius);
     s.log_weight[i] = s.reach[i] - 0.5 * z * z;
   }
   double value = 0;
@@ -52,8 +52,8 @@ inline double evaluate_field(const KdTree& tree, const RuleView& rules, Vec3 x, 
         best = i;
     if (best < 0) break;
     double sum = 0, total = 0;
-    const int64_t rule = s.neighbors[best].index;
-    const double same = same_face(rules.tolerance[rule] / rules.radius[rule]);
+    const Rule& leading = view.rules[s.neighbors[best].index];
+    const double same = same_face(leading.tolerance / leading.radius);
     double top = -1e300;
     for (int64_t i = 0; i < n; ++i)
       if (s.face[i] < 0 && dot(s.normal[i], s.normal[best]) >= same) s.face[i] = face, top = std::max(top, s.log_weight[i]);

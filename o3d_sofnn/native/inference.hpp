@@ -5,11 +5,40 @@
 
 namespace sofnn {
 
+struct Rule {
+  Vec3 center;
+  Frame frame;
+  double coefficients[6], radius, tolerance, quality;
+};
+
+// The rules of a rule base, one record each, and a tree over their centres.
 struct RuleView {
-  const double *centers, *frames, *coefficients, *radius, *tolerance, *quality;
-  const double* rbf = nullptr;  // (rules, stride, 4): centre and weight of each term of the local surfaces
-  const int64_t* terms = nullptr;
+  KdTree tree;
+  std::vector<Rule> rules;
+
+  RuleView(const double* centers, const double* frames, const double* coefficients, const double* radius,
+           const double* tolerance, const double* quality, int64_t n, int threads)
+      : tree(centers, n, threads), rules(n) {
+    for (int64_t i = 0; i < n; ++i) {
+      const double *f = frames + 9 * i, *q = coefficients + 6 * i;
+      Rule& r = rules[i];
+      r.center = load(centers + 3 * i);
+      r.frame = {load(f), load(f + 3), load(f + 6)};
+      std::copy(q, q + 6, r.coefficients);
+      r.radius = radius[i], r.tolerance = tolerance[i], r.quality = quality[i];
+    }
+  }
+};
+
+// Terms of the local surfaces of some rules, (rules, stride, 4): centre and weight, and how many of them there are.
+struct TermView {
+  const double* rbf = nullptr;
+  const int64_t* count = nullptr;
   int64_t stride = 0;
+
+  double sum(int64_t rule, double u, double v, double h) const {
+    return rbf ? rbf_terms(rbf + 4 * stride * rule, count[rule], u, v, h) : 0.0;
+  }
 };
 
 struct InferenceScratch {
@@ -26,41 +55,41 @@ struct LocalImplicit {
   Vec3 normal;
 };
 
-inline LocalImplicit local_implicit(const RuleView& rules, int64_t j, Vec3 x) {
-  const double *f = rules.frames + 9 * j, *q = rules.coefficients + 6 * j, radius = rules.radius[j];
-  const Vec3 d = (1 / radius) * (x - load(rules.centers + 3 * j));
-  double u = dot(d, load(f)), v = dot(d, load(f + 3)), h = dot(d, load(f + 6));
+inline LocalImplicit local_implicit(const RuleView& view, int64_t j, Vec3 x, const TermView& terms) {
+  const Rule& rule = view.rules[j];
+  const double* q = rule.coefficients;
+  const Frame& f = rule.frame;
+  const Vec3 d = (1 / rule.radius) * (x - rule.center);
+  double u = dot(d, f.t1), v = dot(d, f.t2), h = dot(d, f.n);
   const double sq = u * u + v * v, shrink = sq > 1 ? 1 / std::sqrt(sq) : 1;
   u *= shrink, v *= shrink;  // no extrapolation of the quadric beyond its own data
   const double qu = q[1] + 2 * q[3] * u + q[4] * v, qv = q[2] + q[4] * u + 2 * q[5] * v;
   const double inv = 1 / std::sqrt(1 + qu * qu + qv * qv);
-  double height = quadric_height(q, u, v);
-  if (rules.terms) height += rbf_terms(rules.rbf + 4 * rules.stride * j, rules.terms[j], u, v, h);
-  return {sq, (h - height) * inv * radius, inv * (load(f + 6) - qu * load(f) - qv * load(f + 3))};
+  const double height = quadric_height(q, u, v) + terms.sum(j, u, v, h);
+  return {sq, (h - height) * inv * rule.radius, inv * (f.n - qu * f.t1 - qv * f.t2)};
 }
 
 // Memberships of x in its nearest rules: a Gaussian in the tangent plane (half the radius wide), a Gaussian in the
 // residual to the rule's quadric, and the rule's quality. Returns the place of the largest one.
-inline int64_t memberships(const KdTree& tree, const RuleView& rules, Vec3 x, int64_t k, InferenceScratch& s) {
-  tree.nearest(x, k, 1e300, s.neighbors);
+inline int64_t memberships(const RuleView& view, Vec3 x, int64_t k, InferenceScratch& s) {
+  view.tree.nearest(x, k, 1e300, s.neighbors);
   const int64_t n = static_cast<int64_t>(s.neighbors.size());
   s.log_weight.resize(n), s.normal.resize(n), s.height.resize(n);
   int64_t best = 0;
   for (int64_t i = 0; i < n; ++i) {
     const int64_t j = s.neighbors[i].index;
-    const LocalImplicit f = local_implicit(rules, j, x);
-    const double z = f.height / rules.tolerance[j];
+    const LocalImplicit f = local_implicit(view, j, x, {});
+    const double z = f.height / view.rules[j].tolerance;
     s.normal[i] = f.normal, s.height[i] = f.height;
-    s.log_weight[i] = -2 * f.sq - 0.5 * z * z + std::log(std::max(rules.quality[j], 1e-12));
+    s.log_weight[i] = -2 * f.sq - 0.5 * z * z + std::log(std::max(view.rules[j].quality, 1e-12));
     if (s.log_weight[i] > s.log_weight[best]) best = i;
   }
   return best;
 }
 
 // info: agreement of the contributing rules, residual of the best rule.
-inline void infer_normal(const KdTree& tree, const RuleView& rules, Vec3 x, int64_t k, InferenceScratch& s,
-                         double* out, double* info) {
-  const int64_t best = memberships(tree, rules, x, k, s);
+inline void infer_normal(const RuleView& view, Vec3 x, int64_t k, InferenceScratch& s, double* out, double* info) {
+  const int64_t best = memberships(view, x, k, s);
   Vec3 sum{0, 0, 0};
   double total = 0;
   for (size_t i = 0; i < s.neighbors.size(); ++i) {

@@ -1,8 +1,8 @@
 """Slow, readable numpy twins of the native kernels: what these compute, and their tests' oracle.
 
 Each twin takes the arguments of its kernel in the same order, with points in place of a tree over
-them and without a number of threads, and returns arrays of the same shapes. Nothing in the package
-calls them.
+them, :class:`Rules` in place of a view of rules, and without a number of threads, and returns
+arrays of the same shapes. Nothing in the package calls them.
 """
 
 from .field import evaluate_field
@@ -10,10 +10,12 @@ from .inference import basis_functions, infer_normals
 from .local_fit import fit_rules, fit_scales
 from .neighbors import query
 from .rlps import reconstruct_units
+from .rules import Rules
 from .typical_data import typical_data
 from .winding import evaluate_winding
 
 __all__ = [
+    "Rules",
     "basis_functions",
     "evaluate_field",
     "evaluate_winding",

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from .inference import Contribution, contributions
 from .neighbors import query
+from .rules import Rules
 
 Array = NDArray[np.float64]
 
@@ -20,18 +21,7 @@ BLUR = 0.35
 """Least width of the membership in the residual, over the radius."""
 
 
-def evaluate_field(
-    x: Array,
-    centers: Array,
-    frames: Array,
-    coefficients: Array,
-    radius: Array,
-    tolerance: Array,
-    quality: Array,
-    rbf: Array,
-    terms: NDArray[np.int64],
-    k: int,
-) -> Array:
+def evaluate_field(rules: Rules, rbf: Array, terms: NDArray[np.int64], x: Array, k: int) -> Array:
     """Blend the local implicits of the nearest rules by fuzzy basis functions, eq. (7) and (9).
 
     Rules are gathered into faces by their normals. Within a face, heights are blended; faces
@@ -40,7 +30,7 @@ def evaluate_field(
 
     Parameters
     ----------
-    x, centers, frames, coefficients, radius, tolerance, quality, k
+    rules, x, k
         As in :func:`o3d_sofnn.reference.inference.infer_normals`.
     rbf, terms
         Basis functions on top of the quadrics and how many, as
@@ -52,19 +42,14 @@ def evaluate_field(
         Signed distance, negative inside, in the unit of the points.
     """
     values = np.zeros(len(x))
-    for row, index in enumerate(query(centers, x, min(k, len(centers)), np.inf)[1]):
-        rule = contributions(
-            x[row],
-            centers[index],
-            frames[index],
-            coefficients[index],
-            radius[index],
-            [rbf[rule, : terms[rule]] for rule in index],
-        )
-        near = -2.0 * rule.reach + np.log(np.maximum(quality[index], 1e-300))
-        z = rule.residual / np.maximum(tolerance[index], BLUR * radius[index])
+    nearest = query(rules.centers, x, min(k, len(rules.centers)), np.inf)[1]
+    for row, index in enumerate(nearest):
+        local = rules.rows(index)
+        rule = contributions(x[row], local, [rbf[number, : terms[number]] for number in index])
+        near = -2.0 * rule.reach + np.log(np.maximum(local.quality, 1e-300))
+        z = rule.residual / np.maximum(local.tolerance, BLUR * local.radius)
         # The noisier a rule is, the more its neighbours may differ for no reason but noise.
-        same = np.clip(0.9 - 5.0 * tolerance[index] / radius[index], *SAME_FACE)
+        same = np.clip(0.9 - 5.0 * local.tolerance / local.radius, *SAME_FACE)
         values[row] = _combine(rule, near, near - 0.5 * z**2, same)
     return values
 

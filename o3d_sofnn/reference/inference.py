@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from .neighbors import query
 from .rlps import basis, quadric_height
+from .rules import Rules
 
 Array = NDArray[np.float64]
 
@@ -26,28 +27,15 @@ class Contribution(NamedTuple):
     """Centre of the rule, moved onto its quadric."""
 
 
-def contributions(
-    place: Array,
-    centers: Array,
-    frames: Array,
-    coefficients: Array,
-    radius: Array,
-    terms: list[Array] | None = None,
-) -> Contribution:
+def contributions(place: Array, rules: Rules, terms: list[Array] | None = None) -> Contribution:
     """Evaluate the consequents of some rules at one place.
 
     Parameters
     ----------
     place : (3,) float64
         Where.
-    centers : (k, 3) float64
-        Centres of the rules.
-    frames : (k, 3, 3) float64
-        Rows: two tangents and the normal.
-    coefficients : (k, 6) float64
-        Quadrics, lengths over the radius.
-    radius : (k,) float64
-        Radii of the fits.
+    rules : Rules
+        Rules, k of them.
     terms : list of (t, 4) float64, optional
         Basis functions on top of each quadric; None for the quadrics alone.
 
@@ -55,6 +43,7 @@ def contributions(
     -------
     Contribution
     """
+    centers, frames, coefficients, radius, _, _ = rules
     d = (place - centers) / radius[:, None]
     u, v, h = np.einsum("kad,kd->ak", frames, d)
     reach = u**2 + v**2
@@ -76,16 +65,7 @@ def contributions(
     )
 
 
-def infer_normals(
-    x: Array,
-    centers: Array,
-    frames: Array,
-    coefficients: Array,
-    radius: Array,
-    tolerance: Array,
-    quality: Array,
-    k: int,
-) -> tuple[Array, Array]:
+def infer_normals(rules: Rules, x: Array, k: int) -> tuple[Array, Array]:
     """Infer a normal at every place, eq. (7) with the fuzzy basis functions of eq. (9).
 
     The membership in a rule is a Gaussian in the tangent plane, half the radius wide, times a
@@ -93,36 +73,24 @@ def infer_normals(
 
     Parameters
     ----------
+    rules : Rules
+        Rules.
     x : (m, 3) float64
         Places.
-    centers : (r, 3) float64
-        Centres of the rules.
-    frames : (r, 3, 3) float64
-        Rows: two tangents and the normal.
-    coefficients : (r, 6) float64
-        Quadrics, lengths over the radius.
-    radius : (r,) float64
-        Radii of the fits, in the unit of the points.
-    tolerance : (r,) float64
-        Width of the Gaussian in the residual, in the unit of the points.
-    quality : (r,) float64
-        Weight of each rule, 0 to 1.
     k : int
         Nearest rules that take part.
 
     Returns
     -------
     normals : (m, 3) float64
-        Unit.
+        Unit normals.
     info : (m, 2) float64
         Agreement of the rules that took part (0 to 1), residual to the best one.
     """
     normals, info = np.zeros((len(x), 3)), np.zeros((len(x), 2))
-    for row, index in enumerate(query(centers, x, min(k, len(centers)), np.inf)[1]):
-        rule = contributions(
-            x[row], centers[index], frames[index], coefficients[index], radius[index]
-        )
-        membership = _log_memberships(rule, tolerance[index], quality[index])
+    for row, index in enumerate(query(rules.centers, x, min(k, len(rules.centers)), np.inf)[1]):
+        rule = contributions(x[row], rules.rows(index))
+        membership = _log_memberships(rule, rules.rows(index))
         best = int(membership.argmax())
         mean = _shares(membership) @ rule.normal  # Eq. (7)
         agreement = float(np.linalg.norm(mean))
@@ -133,21 +101,12 @@ def infer_normals(
     return normals, info
 
 
-def basis_functions(
-    x: Array,
-    centers: Array,
-    frames: Array,
-    coefficients: Array,
-    radius: Array,
-    tolerance: Array,
-    quality: Array,
-    k: int,
-) -> tuple[NDArray[np.int64], Array, Array]:
+def basis_functions(rules: Rules, x: Array, k: int) -> tuple[NDArray[np.int64], Array, Array]:
     """Evaluate the fuzzy basis functions of eq. (9) at every place.
 
     Parameters
     ----------
-    x, centers, frames, coefficients, radius, tolerance, quality, k
+    rules, x, k
         As in :func:`infer_normals`.
 
     Returns
@@ -159,20 +118,21 @@ def basis_functions(
     height : (m, k) float64
         Signed distance to their quadrics, in the unit of the points.
     """
-    nearest = query(centers, x, min(k, len(centers)), np.inf)[1]
+    nearest = query(rules.centers, x, min(k, len(rules.centers)), np.inf)[1]
     index = np.zeros((len(x), k), np.int64)
     share, height = np.zeros((len(x), k)), np.zeros((len(x), k))
     for row, near in enumerate(nearest):
-        rule = contributions(x[row], centers[near], frames[near], coefficients[near], radius[near])
+        rule = contributions(x[row], rules.rows(near))
         index[row, : len(near)] = near
-        share[row, : len(near)] = _shares(_log_memberships(rule, tolerance[near], quality[near]))
+        share[row, : len(near)] = _shares(_log_memberships(rule, rules.rows(near)))
         height[row, : len(near)] = rule.residual
     return index, share, height
 
 
-def _log_memberships(rule: Contribution, tolerance: Array, quality: Array) -> Array:
-    z = rule.residual / tolerance
-    return np.asarray(-2.0 * rule.reach - 0.5 * z**2 + np.log(np.maximum(quality, 1e-12)))
+def _log_memberships(rule: Contribution, rules: Rules) -> Array:
+    z = rule.residual / rules.tolerance
+    quality = np.log(np.maximum(rules.quality, 1e-12))
+    return np.asarray(-2.0 * rule.reach - 0.5 * z**2 + quality)
 
 
 def _shares(log_membership: Array) -> Array:

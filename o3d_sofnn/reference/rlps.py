@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .neighbors import query
+from .rules import Rules
 
 Array = NDArray[np.float64]
 
@@ -34,10 +35,7 @@ class LocalSurface(NamedTuple):
 def reconstruct_units(
     points: Array,
     normals: Array,
-    centers: Array,
-    frames: Array,
-    coefficients: Array,
-    radius: Array,
+    rules: Rules,
     n_neighbors: NDArray[np.int64],
     tolerance: Array,
 ) -> tuple[Array, NDArray[np.int64], Array, Array]:
@@ -47,8 +45,8 @@ def reconstruct_units(
     ----------
     points, normals : (n, 3) float64
         Data and oriented normals: only points on the side of a unit belong to it.
-    centers, frames, coefficients, radius
-        Rules, as in :func:`o3d_sofnn.reference.inference.infer_normals`.
+    rules : Rules
+        Rules, one a unit.
     n_neighbors : (r,) int64
         Points of each unit, before those on the other side are left out.
     tolerance : (r,) float64
@@ -65,6 +63,7 @@ def reconstruct_units(
     worst : (r, 3) float64
         Point that has it; the centre where there is none.
     """
+    centers, frames, coefficients, radius, _, _ = rules
     n = len(centers)
     rbf, terms = np.zeros((n, CENTERS + OFFSETS, 4)), np.zeros(n, np.int64)
     error, worst = np.zeros(n), centers.copy()
