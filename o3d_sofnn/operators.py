@@ -24,9 +24,6 @@ _logger = logging.getLogger(__name__)
 NormalDetails = NormalEstimate
 SurfaceDetails = SurfaceEstimate
 
-# Deeper octrees than this need more cells than 32-bit indices can name.
-_MAX_DEPTH = 16
-
 
 def estimate_normals(
     pcd: Any,
@@ -164,7 +161,7 @@ def reconstruct_surface(
     cloud = adapters.read_cloud(pcd)
     max_nn, radius = adapters.read_search_param(search_param)
     validation.check_exclusive(depth=depth, voxel_size=voxel_size)
-    depth = validation.check_integer(depth, "depth", 1, _MAX_DEPTH)
+    depth = validation.check_integer(depth, "depth", 1, validation.MAX_DEPTH)
     voxel_size = validation.check_positive(voxel_size, "voxel_size")
     trim = validation.check_fraction(trim, "trim")
     n_threads = validation.check_n_threads(n_threads)

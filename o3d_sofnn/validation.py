@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 MIN_POINTS = 4
 # A local quadric has six coefficients.
 MIN_NEIGHBORS = 6
+# Deeper octrees than this need more cells than 32-bit indices can name.
+MAX_DEPTH = 16
 # Sixth powers of lengths, as in the normal equations of a quadric, stay representable.
 _LARGEST = 1e50
 

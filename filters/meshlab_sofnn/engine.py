@@ -17,9 +17,6 @@ from o3d_sofnn import pipeline, validation
 
 Progress = Callable[[float, str], None]
 
-# The Open3D operator's limit.
-MAX_DEPTH = 16
-
 _log = logging.getLogger(__name__)
 
 
@@ -158,7 +155,7 @@ def _check_options(options: dict[str, Any]) -> None:
     """Raise ``ValueError`` for an option out of range, as the Open3D operators do."""
     get = options.get
     validation.check_exclusive(depth=get("depth"), voxel_size=get("voxel_size"))
-    validation.check_integer(get("depth"), "depth", 1, MAX_DEPTH)
+    validation.check_integer(get("depth"), "depth", 1, validation.MAX_DEPTH)
     validation.check_positive(get("voxel_size"), "voxel_size")
     validation.check_fraction(get("trim"), "trim")
     validation.check_integer(get("max_nn"), "max_nn", validation.MIN_NEIGHBORS)

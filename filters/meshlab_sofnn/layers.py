@@ -14,6 +14,7 @@ import pymeshlab
 from numpy.typing import NDArray
 
 from meshlab_sofnn.engine import Cloud, Surface, given_colors
+from meshlab_sofnn.ply import write_ply
 
 SURFACE_LABEL = "SOFNN mesh"
 
@@ -70,20 +71,31 @@ def read_cloud(mesh: Any, with_normals: bool) -> Cloud:
 
 
 def add_surface(ms: pymeshlab.MeshSet, surface: Surface) -> None:
-    """Add a surface as a new layer and make it the current one."""
-    fields: dict[str, Any] = {}
-    if surface.colors is not None:
-        # MeshLab cuts off after * 255: the half makes every one of the 256 values come back.
-        fields["v_color_matrix"] = np.asfortranarray((surface.colors + 0.5) / 255)
-    mesh = pymeshlab.Mesh(
-        np.asfortranarray(surface.vertices),
-        np.asfortranarray(surface.triangles),
-        v_scalar_array=surface.confidence,
-        **fields,
+    """Add a surface as a new layer and make it the current one.
+
+    It goes through a temporary PLY file: PyMeshLab takes four times as long for arrays, and
+    computes the normals of a mesh with faces anew, while those in a file are kept.
+
+    Raises
+    ------
+    pymeshlab.PyMeshLabException
+        The file cannot be written, or not be read. The MeshSet is then unchanged.
+    """
+    label = _free_label(ms)
+    with _temporary_folder() as folder:
+        file = folder / "surface.ply"
+        write_ply(file, surface)
+        ms.load_new_mesh(str(file))
+    ms.current_mesh().set_label(label)
+
+
+def _free_label(ms: pymeshlab.MeshSet) -> str:
+    """Return the label of a new surface, with a number if there is one already."""
+    taken = {mesh.label() for mesh in ms}
+    labels = itertools.chain(
+        [SURFACE_LABEL], (f"{SURFACE_LABEL}({number})" for number in itertools.count(1))
     )
-    ms.add_mesh(mesh, SURFACE_LABEL)
-    # PyMeshLab computes the normals of a mesh with faces anew, so ours can only follow now.
-    _set_normals(ms, surface.normals)
+    return next(label for label in labels if label not in taken)
 
 
 def write_normals(ms: pymeshlab.MeshSet, normals: NDArray[np.float64]) -> None:
@@ -106,9 +118,9 @@ def _set_normals(ms: pymeshlab.MeshSet, normals: NDArray[np.float64]) -> None:
     """
     mesh = ms.current_mesh()
     names = _free_names(mesh)
-    for name, values in zip(names, normals.T, strict=True):
-        mesh.add_vertex_custom_scalar_attribute(np.ascontiguousarray(values), name)
     with _script_kept(ms):
+        for name, values in zip(names, normals.T, strict=True):
+            mesh.add_vertex_custom_scalar_attribute(np.ascontiguousarray(values), name)
         ms.apply_filter(
             "compute_normal_by_function_per_vertex", **dict(zip("xyz", names, strict=True))
         )
@@ -132,8 +144,8 @@ def _script_kept(ms: pymeshlab.MeshSet) -> Iterator[None]:
 
     MeshLab can only save and load a whole script, with six digits of a number.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        script = Path(folder) / "script.mlx"
+    with _temporary_folder() as folder:
+        script = folder / "script.mlx"
         ms.save_filter_script(str(script))
         try:
             yield
@@ -141,3 +153,15 @@ def _script_kept(ms: pymeshlab.MeshSet) -> Iterator[None]:
             ms.clear_filter_script()
             if "<filter" in script.read_text():
                 ms.load_filter_script(str(script))
+
+
+@contextmanager
+def _temporary_folder() -> Iterator[Path]:
+    """Yield a folder for what PyMeshLab takes as a file only."""
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            yield Path(folder)
+    except OSError as error:
+        raise pymeshlab.PyMeshLabException(
+            f"A temporary file could not be written: {error}"
+        ) from error

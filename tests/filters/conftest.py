@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import native_plugin
 import numpy as np
 import pytest
 import shapes
@@ -53,3 +55,28 @@ def state(tmp_path: Path) -> Callable[[Any], Any]:
         return meshes, ms.current_mesh_id() if meshes else None, script.read_text()
 
     return state
+
+
+@pytest.fixture(scope="session")
+def packages(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return native_plugin.folder_of_packages(tmp_path_factory.mktemp("packages"))
+
+
+@pytest.fixture(scope="session")
+def plugin(packages: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The native plugin's file; skips where there is nothing to build it with."""
+    kept = os.environ.get("MESHLAB_BUILD")
+    return native_plugin.build(packages, Path(kept) if kept else tmp_path_factory.mktemp("plugin"))
+
+
+@pytest.fixture
+def check(packages: Path, plugin: Path, tmp_path: Path) -> Callable[..., str]:
+    """Return a function that runs code in a Python that can load the plugin."""
+    prelude = Path(__file__).with_name("plugin_prelude.py").read_text()
+
+    def check(code: str, **environment: str) -> str:
+        done = native_plugin.run(packages, prelude + code, plugin, tmp_path, **environment)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout + done.stderr
+
+    return check

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -107,6 +108,19 @@ def test_a_matrix_that_flattens_the_layer(ms: Any, state: Any) -> None:
     with pytest.raises(pymeshlab.PyMeshLabException, match="flattens"):
         meshlab_sofnn.estimate_normals(ms)
     assert state(ms) == before
+
+
+@pytest.mark.parametrize("run", [meshlab_sofnn.reconstruct, meshlab_sofnn.estimate_normals])
+def test_no_room_for_temporary_files(
+    ms: Any, run: Callable[..., Any], tmp_path: Path, state: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = state(ms)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "missing"))
+    with pytest.raises(pymeshlab.PyMeshLabException, match="temporary file could not be written"):
+        run(ms)
+    assert state(ms) == before
+    with pytest.raises(pymeshlab.PyMeshLabException, match="attribute"):
+        ms.current_mesh().vertex_custom_scalar_attribute_array("sofnn_normal_1_x")
 
 
 def test_the_native_plugin_must_exist(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+from layer_checks import assert_is_surface
 
 from o3d_sofnn import pipeline
 
@@ -17,8 +15,6 @@ pymeshlab = pytest.importorskip("pymeshlab", reason="PyMeshLab is not installed"
 import meshlab_sofnn  # noqa: E402 - it needs PyMeshLab
 from meshlab_sofnn import engine, layers  # noqa: E402
 
-RECONSTRUCT = "generate_surface_reconstruction_sofnn"
-NORMALS = "compute_normal_for_point_clouds_sofnn"
 MATRIX = np.array(
     [
         [0.0, -2.0, 0.0, 1.0 / 3.0],
@@ -27,19 +23,6 @@ MATRIX = np.array(
         [0.0, 0.0, 0.0, 1.0],
     ]
 )
-
-
-@pytest.fixture(autouse=True)
-def _nothing_registered() -> Iterator[None]:
-    yield
-    meshlab_sofnn.unregister()
-
-
-def assert_is_surface(mesh: Any, expected: Any) -> None:
-    np.testing.assert_array_equal(mesh.vertex_matrix(), expected.vertices)
-    np.testing.assert_array_equal(mesh.face_matrix(), expected.triangles)
-    np.testing.assert_array_equal(mesh.vertex_normal_matrix(), expected.vertex_normals)
-    np.testing.assert_array_equal(mesh.vertex_scalar_array(), expected.confidence)
 
 
 def test_the_mesh_is_the_operators_mesh(ms: Any, points: Any, colors: Any) -> None:
@@ -237,70 +220,3 @@ def test_progress_and_what_it_raises(ms: Any, run: Callable[..., Any], state: An
     run(ms, progress=lambda fraction, text: fractions.append(fraction))
     assert len(fractions) > 1
     assert all(0 <= fraction <= 1 for fraction in fractions)
-
-
-def test_registered_filters_work_like_built_in_ones(ms: Any, points: Any) -> None:
-    assert meshlab_sofnn.register(plugin=False) == "python"
-    assert meshlab_sofnn.register(plugin=False) == "python"
-    expected = pipeline.reconstruct_surface(points)
-    summary = ms.generate_surface_reconstruction_sofnn()
-    assert summary["voxel_size"] == expected.voxel_size
-    assert_is_surface(ms.current_mesh(), expected)
-    ms.set_current_mesh(0)
-    assert ms.apply_filter(RECONSTRUCT, n_threads=1)["watertight"] is True
-    assert_is_surface(ms.current_mesh(), expected)
-    ms.set_current_mesh(0)
-    assert ms.compute_normal_for_point_clouds_sofnn()["outliers"] >= 0
-    ms.apply_filter(NORMALS, orientation="direction")
-    with pytest.raises(TypeError):
-        ms.generate_surface_reconstruction_sofnn(5)
-
-    values = ms.filter_parameter_values(RECONSTRUCT, voxel_size=pymeshlab.PercentageValue(1))
-    assert list(values) == [
-        *("depth", "voxel_size", "use_normals", "trim"),
-        *("max_nn", "radius", "n_threads"),
-    ]
-    # MeshLab keeps lengths in single precision.
-    diagonal = ms.current_mesh().bounding_box().diagonal()
-    assert values["voxel_size"] == pytest.approx(0.01 * diagonal, rel=1e-6)
-    assert ms.filter_parameter_values(NORMALS)["orientation"] == 0
-
-    assert ms.filter_parameter_values("compute_normal_for_point_clouds", k=7)["k"] == 7
-    ms.apply_filter("compute_normal_for_point_clouds", k=7)
-    with pytest.raises(pymeshlab.PyMeshLabException, match="does not exist"):
-        ms.apply_filter("no_such_filter")
-
-
-def test_unregister_takes_everything_back(ms: Any) -> None:
-    originals = dict(vars(pymeshlab.MeshSet))
-    meshlab_sofnn.unregister()
-    meshlab_sofnn.register(plugin=False)
-    assert hasattr(ms, RECONSTRUCT)
-    meshlab_sofnn.unregister()
-    meshlab_sofnn.unregister()
-    assert dict(vars(pymeshlab.MeshSet)) == originals
-    with pytest.raises(pymeshlab.PyMeshLabException, match="does not exist"):
-        ms.apply_filter(RECONSTRUCT)
-
-
-def test_the_algorithm_never_imports_pymeshlab(tmp_path: Path) -> None:
-    code = (
-        "import sys, o3d_sofnn.pipeline, o3d_sofnn.operators, o3d_sofnn.io;"
-        "sys.exit('pymeshlab' in sys.modules)"
-    )
-    run = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=False)
-    assert run.returncode == 0
-
-
-def test_a_users_script(tmp_path: Path) -> None:
-    samples = Path(pymeshlab.__file__).parent / "tests" / "sample_meshes"
-
-    ms = pymeshlab.MeshSet()
-    ms.load_new_mesh(str(samples / "chameleon.pts"))
-    meshlab_sofnn.register(plugin=False)
-    ms.compute_normal_for_point_clouds_sofnn()
-    ms.generate_surface_reconstruction_sofnn()
-    ms.save_current_mesh(str(tmp_path / "chameleon.ply"))
-
-    ms.load_new_mesh(str(tmp_path / "chameleon.ply"))
-    assert ms.current_mesh().face_number() == ms.mesh(1).face_number() > 0
