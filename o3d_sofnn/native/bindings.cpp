@@ -40,11 +40,11 @@ NB_MODULE(_kernels, m) {
              {
                nb::gil_scoped_release release;
                parallel_for(n, 256, threads, [&](int64_t lo, int64_t hi) {
-                 std::vector<Neighbor> heap;
+                 Search s;
                  for (int64_t i = lo; i < hi; ++i) {
-                   t.nearest(load(x.data() + 3 * i), k, max_distance * max_distance, heap);
-                   for (size_t j = 0; j < heap.size(); ++j)
-                     dist[i * k + j] = std::sqrt(heap[j].sq_dist), index[i * k + j] = heap[j].index;
+                   t.nearest_sorted(load(x.data() + 3 * i), k, max_distance * max_distance, s);
+                   for (int64_t j = 0; j < s.size(); ++j)
+                     dist[i * k + j] = std::sqrt(s[j].sq_dist), index[i * k + j] = s[j].index;
                  }
                });
              }
@@ -62,10 +62,11 @@ NB_MODULE(_kernels, m) {
               FitScratch s;
               for (int64_t i = lo; i < hi; ++i) {
                 const Vec3 c = load(centers.data() + 3 * i);
-                t.nearest(c, scales.data()[ns - 1], 1e300, s.neighbors);
+                t.nearest_sorted(c, scales.data()[ns - 1], 1e300, s.neighbors);
+                load_points(p.data(), nullptr, nullptr, c, s);
                 for (size_t j = 0; j < ns; ++j) {
                   const int64_t k = std::min<int64_t>(scales.data()[j], s.neighbors.size());
-                  const LocalFit f = fit_quadric(p.data(), nullptr, nullptr, c, k, 0.0, 0, s);
+                  const LocalFit f = fit_quadric(c, k, 0.0, 0, s);
                   const size_t o = i * ns + j;
                   store(&normal[3 * o], f.normal);
                   info[4 * o] = f.rms, info[4 * o + 1] = f.slope_error, info[4 * o + 2] = f.radius, info[4 * o + 3] = f.surface_variation;
@@ -89,9 +90,8 @@ NB_MODULE(_kernels, m) {
               for (int64_t i = lo; i < hi; ++i) {
                 const Vec3 c = load(centers.data() + 3 * i);
                 t.nearest(c, neighbors.data()[i], 1e300, s.neighbors);
-                const LocalFit f = fit_quadric(p.data(), normals ? normals->data() : nullptr,
-                                               sides ? sides->data() + 3 * i : nullptr, c, s.neighbors.size(),
-                                               robust.data()[i], iterations, s);
+                load_points(p.data(), normals ? normals->data() : nullptr, sides ? sides->data() + 3 * i : nullptr, c, s);
+                const LocalFit f = fit_quadric(c, s.neighbors.size(), robust.data()[i], iterations, s);
                 store(&foot[3 * i], f.foot);
                 store(&frame[9 * i], f.frame.t1), store(&frame[9 * i + 3], f.frame.t2), store(&frame[9 * i + 6], f.frame.n);
                 for (int q = 0; q < 6; ++q) coef[6 * i + q] = f.coefficients[q];
@@ -134,14 +134,14 @@ NB_MODULE(_kernels, m) {
           {
             nb::gil_scoped_release release;
             parallel_for(n, 64, threads, [&](int64_t lo, int64_t hi) {
-              std::vector<Neighbor> near;
+              Search near;
               std::vector<double> local;
               for (int64_t i = lo; i < hi; ++i) {
                 const Rule& rule = rules.rules[i];
                 const Frame& f = rule.frame;
                 const double *q = rule.coefficients, r = rule.radius;
                 const Vec3 c = rule.center, side = f.n - q[1] * f.t1 - q[2] * f.t2;
-                t.nearest(c, neighbors.data()[i], r * r, near);
+                t.nearest_sorted(c, neighbors.data()[i], r * r, near);
                 local.clear();
                 for (const Neighbor& k : near) {
                   const Vec3 d = (1 / r) * (load(p.data() + 3 * k.index) - c);
@@ -190,8 +190,8 @@ NB_MODULE(_kernels, m) {
               for (int64_t i = lo; i < hi; ++i) {
                 const int64_t best = memberships(rules, load(x.data() + 3 * i), k, s);
                 double total = 0;
-                for (size_t j = 0; j < s.neighbors.size(); ++j) total += share[i * k + j] = std::exp(s.log_weight[j] - s.log_weight[best]);
-                for (size_t j = 0; j < s.neighbors.size(); ++j)
+                for (int64_t j = 0; j < s.neighbors.size(); ++j) total += share[i * k + j] = std::exp(s.log_weight[j] - s.log_weight[best]);
+                for (int64_t j = 0; j < s.neighbors.size(); ++j)
                   share[i * k + j] /= total, height[i * k + j] = s.height[j], index[i * k + j] = s.neighbors[j].index;
               }
             });

@@ -29,8 +29,8 @@ inline bool meet_convex(const InferenceScratch& s, int a, int b, double best) {
 // Signed distance at x. The rules near x are gathered into at most three faces by their normals; each face blends
 // its local implicits by fuzzy basis functions, eq. (9), and faces combine as solids (Ohtake et al. 2003, sharp features).
 inline double evaluate_field(const RuleView& view, const TermView& terms, Vec3 x, int64_t k, InferenceScratch& s) {
-  view.tree.nearest(x, k, 1e300, s.neighbors);
-  const int64_t n = static_cast<int64_t>(s.neighbors.size());
+  view.tree.nearest_sorted(x, k, 1e300, s.neighbors);
+  const int64_t n = s.neighbors.size();
   s.log_weight.resize(n), s.normal.resize(n), s.height.resize(n), s.face.assign(n, -1), s.reach.resize(n), s.foot.resize(n);
   double nearest = -1e300;
   for (int64_t i = 0; i < n; ++i) {

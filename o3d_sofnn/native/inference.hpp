@@ -42,7 +42,7 @@ struct TermView {
 };
 
 struct InferenceScratch {
-  std::vector<Neighbor> neighbors;
+  Search neighbors;
   std::vector<double> log_weight, height, reach;
   std::vector<int> face;
   std::vector<Vec3> foot;
@@ -72,8 +72,8 @@ inline LocalImplicit local_implicit(const RuleView& view, int64_t j, Vec3 x, con
 // Memberships of x in its nearest rules: a Gaussian in the tangent plane (half the radius wide), a Gaussian in the
 // residual to the rule's quadric, and the rule's quality. Returns the place of the largest one.
 inline int64_t memberships(const RuleView& view, Vec3 x, int64_t k, InferenceScratch& s) {
-  view.tree.nearest(x, k, 1e300, s.neighbors);
-  const int64_t n = static_cast<int64_t>(s.neighbors.size());
+  view.tree.nearest_sorted(x, k, 1e300, s.neighbors);
+  const int64_t n = s.neighbors.size();
   s.log_weight.resize(n), s.normal.resize(n), s.height.resize(n);
   int64_t best = 0;
   for (int64_t i = 0; i < n; ++i) {
@@ -92,7 +92,7 @@ inline void infer_normal(const RuleView& view, Vec3 x, int64_t k, InferenceScrat
   const int64_t best = memberships(view, x, k, s);
   Vec3 sum{0, 0, 0};
   double total = 0;
-  for (size_t i = 0; i < s.neighbors.size(); ++i) {
+  for (int64_t i = 0; i < s.neighbors.size(); ++i) {
     const double w = std::exp(s.log_weight[i] - s.log_weight[best]);  // Eq. (9), safe far from every rule
     sum = sum + w * s.normal[i], total += w;
   }

@@ -8,6 +8,7 @@
 
 #include "linalg.hpp"
 #include "parallel.hpp"
+#include "simd.hpp"
 
 namespace sofnn {
 
@@ -19,45 +20,95 @@ struct Neighbor {
   }
 };
 
+// Moves the k smallest of m neighbours to the front and returns the largest of them. Squared distances of points on
+// a surface spread evenly, so that one counting pass leaves few to compare.
+inline Neighbor select_nearest(Neighbor* a, int64_t m, int64_t k, std::vector<Neighbor>& tied) {
+  constexpr int kBins = 256;
+  double largest = 0;
+  for (int64_t i = 0; i < m; ++i) largest = std::max(largest, a[i].sq_dist);
+  if (m < 64 || !(largest > 1e-280)) {
+    std::nth_element(a, a + k - 1, a + m);
+    return a[k - 1];
+  }
+  const double scale = (kBins - 1) / largest;
+  const auto bin = [&](const Neighbor& e) { return static_cast<int32_t>(e.sq_dist * scale); };
+  int32_t count[kBins] = {};
+  for (int64_t i = 0; i < m; ++i) ++count[bin(a[i])];
+  int32_t last = 0;
+  for (int64_t below = count[0]; below < k; below += count[last]) ++last;
+  tied.clear();
+  int64_t front = 0;
+  for (int64_t i = 0; i < m; ++i) {
+    const int32_t b = bin(a[i]);
+    if (b == last) tied.push_back(a[i]);
+    if (b < last) a[front++] = a[i];
+  }
+  const auto end = tied.begin() + (k - front);
+  std::nth_element(tied.begin(), end - 1, tied.end());
+  std::copy(tied.begin(), end, a + front);
+  return a[k - 1];
+}
+
+// The answer to one search, and scratch. What one search finds bounds the next one: consecutive places lie close
+// together. A search belongs to one tree.
+class Search {
+ public:
+  const Neighbor* begin() const { return found_.data(); }
+  const Neighbor* end() const { return begin() + size_; }
+  const Neighbor& operator[](int64_t i) const { return found_[i]; }
+  int64_t size() const { return size_; }
+  double sq_radius() const { return sq_radius_; }  // squared distance of the farthest one
+
+ private:
+  friend class KdTree;
+  std::vector<Neighbor> found_, tied_;
+  int64_t size_ = 0, k_ = 0;
+  double sq_radius_ = 0;
+  Vec3 place_{0, 0, 0};
+};
+
 class KdTree {
  public:
-  KdTree(const double* points, int64_t n, int threads) : n_(n), points_(n), index_(n) {
+  KdTree(const double* points, int64_t n, int threads) : n_(n), index_(n) {
     while ((n_ >> depth_) > kLeaf) ++depth_;
-    split_.resize((int64_t{1} << depth_) - 1);
-    axis_.resize(split_.size());
     std::iota(index_.begin(), index_.end(), int64_t{0});
-    build_level(points, threads);
-    for (int64_t i = 0; i < n_; ++i) points_[i] = load(points + 3 * index_[i]);
+    for (int level = 0; level < depth_; ++level)
+      parallel_for(int64_t{1} << level, 1, threads, [&](int64_t lo, int64_t hi) {
+        for (int64_t i = lo; i < hi; ++i) split_node(points, level, i);
+      });
+    x_.resize(n_), y_.resize(n_), z_.resize(n_);
+    for (int64_t i = 0; i < n_; ++i) {
+      const double* p = points + 3 * index_[i];
+      x_[i] = p[0], y_[i] = p[1], z_[i] = p[2];
+    }
+    build_boxes();
   }
 
   int64_t size() const { return n_; }
 
-  // The k nearest points of x within max_sq, nearest first; heap is scratch and result.
-  void nearest(Vec3 x, int64_t k, double max_sq, std::vector<Neighbor>& heap) const {
-    heap.clear();
-    double offset[3] = {0, 0, 0};
-    if (n_ > 0 && k > 0) search(0, 0, 0, x, k, max_sq, 0.0, offset, heap);
-    std::sort_heap(heap.begin(), heap.end());
+  // The k nearest points of x within max_sq, in no order.
+  void nearest(Vec3 x, int64_t k, double max_sq, Search& s) const { search(*this, x, k, max_sq, s); }
+
+  // The same, nearest first.
+  void nearest_sorted(Vec3 x, int64_t k, double max_sq, Search& s) const {
+    search(*this, x, k, max_sq, s);
+    if (k > kFew) std::sort(s.found_.data(), s.found_.data() + s.size_);
   }
 
  private:
-  static constexpr int64_t kLeaf = 12;
+  static constexpr int64_t kLeaf = 16;
+  static constexpr int64_t kFew = 16;  // so few neighbours are kept sorted during the search
+  struct Box {
+    double low[3], high[3];
+  };
   int64_t n_;
   int depth_ = 0;
-  std::vector<Vec3> points_;
+  std::vector<double> x_, y_, z_;
   std::vector<int64_t> index_;
-  std::vector<double> split_;
-  std::vector<uint8_t> axis_;
+  std::vector<Box> box_;
 
   int64_t bound(int64_t i, int level) const {  // first point of the i-th node of a level
-    return static_cast<int64_t>((static_cast<__int128>(i) * n_) >> level);
-  }
-
-  void build_level(const double* p, int threads) {
-    for (int level = 0; level < depth_; ++level)
-      parallel_for(int64_t{1} << level, 1, threads, [&](int64_t lo, int64_t hi) {
-        for (int64_t i = lo; i < hi; ++i) split_node(p, level, i);
-      });
+    return (i * n_) >> level;
   }
 
   void split_node(const double* p, int level, int64_t i) {
@@ -77,40 +128,90 @@ class KdTree {
       const double x = p[3 * a + axis], y = p[3 * b + axis];
       return x < y || (x == y && a < b);
     });
-    const int64_t node = (int64_t{1} << level) - 1 + i;
-    split_[node] = p[3 * index_[mid] + axis];
-    axis_[node] = static_cast<uint8_t>(axis);
   }
 
-  void search(int level, int64_t i, int64_t node, Vec3 x, int64_t k, double max_sq, double sq,
-              double* offset, std::vector<Neighbor>& heap) const {
-    if (level == depth_) {
-      for (int64_t j = bound(i, level), end = bound(i + 1, level); j < end; ++j) {
-        const Vec3 d = points_[j] - x;
-        const Neighbor candidate{dot(d, d), index_[j]};
-        if (candidate.sq_dist > max_sq) continue;
-        if (static_cast<int64_t>(heap.size()) < k) {
-          heap.push_back(candidate);
-          std::push_heap(heap.begin(), heap.end());
-        } else if (candidate < heap.front()) {
-          std::pop_heap(heap.begin(), heap.end());
-          heap.back() = candidate;
-          std::push_heap(heap.begin(), heap.end());
-        }
+  void build_boxes() {
+    const int64_t leaves = int64_t{1} << depth_;
+    box_.resize(2 * leaves - 1);
+    for (int64_t i = 0; i < leaves; ++i) {
+      Box& b = box_[leaves - 1 + i];
+      for (int d = 0; d < 3; ++d) b.low[d] = 1e300, b.high[d] = -1e300;
+      for (int64_t j = bound(i, depth_); j < bound(i + 1, depth_); ++j) {
+        const double p[3] = {x_[j], y_[j], z_[j]};
+        for (int d = 0; d < 3; ++d) b.low[d] = std::min(b.low[d], p[d]), b.high[d] = std::max(b.high[d], p[d]);
       }
-      return;
     }
-    const int axis = axis_[node];
-    const double diff = (axis == 0 ? x.x : axis == 1 ? x.y : x.z) - split_[node];
-    const int64_t near = diff < 0 ? 0 : 1, far = 1 - near;
-    search(level + 1, 2 * i + near, 2 * node + 1 + near, x, k, max_sq, sq, offset, heap);
-    const double old = offset[axis], far_sq = sq - old * old + diff * diff;
-    const double worst = static_cast<int64_t>(heap.size()) < k ? max_sq : std::min(max_sq, heap.front().sq_dist);
-    if (far_sq <= worst * (1 + 1e-12)) {  // rounding must not hide an equally near point with a lower index
-      offset[axis] = diff;
-      search(level + 1, 2 * i + far, 2 * node + 1 + far, x, k, max_sq, far_sq, offset, heap);
-      offset[axis] = old;
+    for (int64_t i = leaves - 2; i >= 0; --i)
+      for (int d = 0; d < 3; ++d) {
+        box_[i].low[d] = std::min(box_[2 * i + 1].low[d], box_[2 * i + 2].low[d]);
+        box_[i].high[d] = std::max(box_[2 * i + 1].high[d], box_[2 * i + 2].high[d]);
+      }
+  }
+
+  static SOFNN_INLINE double sq_to_box(const Box& b, Vec3 x) {
+    const double p[3] = {x.x, x.y, x.z};
+    double sum = 0;
+    for (int d = 0; d < 3; ++d) {
+      const double out = std::max(std::max(b.low[d] - p[d], p[d] - b.high[d]), 0.0);
+      sum += out * out;
     }
+    return sum;
+  }
+
+  SOFNN_CLONES static void search(const KdTree& t, Vec3 x, int64_t k, double max_sq, Search& s) {
+    constexpr double kSlack = 1 + 1e-12;  // rounding must not hide an equally near point with a lower index
+    struct Entry {
+      int64_t node;
+      double sq;
+    } stack[64];
+    k = std::min(k, t.n_);
+    double worst = max_sq;
+    if (s.k_ >= k) {
+      const double reach = std::sqrt(s.sq_radius_) + norm(x - s.place_);
+      worst = std::min(worst, reach * reach * (1 + 1e-9));
+    }
+    const int64_t enough = k <= kFew ? k : 2 * k + 32, first_leaf = (int64_t{1} << t.depth_) - 1;
+    if (static_cast<int64_t>(s.found_.size()) < enough + 2 * kLeaf) s.found_.resize(enough + 2 * kLeaf);
+    Neighbor* found = s.found_.data();
+    int64_t m = 0, top = 0;
+    if (k > 0) stack[top++] = {0, sq_to_box(t.box_[0], x)};
+    while (top > 0) {
+      const Entry entry = stack[--top];
+      if (entry.sq > worst * kSlack) continue;
+      int64_t node = entry.node;
+      while (node < first_leaf) {
+        const double a = sq_to_box(t.box_[2 * node + 1], x), b = sq_to_box(t.box_[2 * node + 2], x);
+        const int64_t near = a <= b ? 1 : 2;
+        const double far_sq = a <= b ? b : a;
+        if (far_sq <= worst * kSlack) stack[top++] = {2 * node + 3 - near, far_sq};
+        node = 2 * node + near;
+      }
+      const int64_t lo = t.bound(node - first_leaf, t.depth_), n = t.bound(node - first_leaf + 1, t.depth_) - lo;
+      double sq[2 * kLeaf];
+      squared_distances(&t.x_[lo], &t.y_[lo], &t.z_[lo], n, x.x, x.y, x.z, sq);
+      if (k <= kFew) {
+        for (int64_t i = 0; i < n; ++i) {
+          if (sq[i] > worst) continue;
+          const Neighbor candidate{sq[i], t.index_[lo + i]};
+          if (m == k && !(candidate < found[k - 1])) continue;
+          int64_t j = m < k ? m++ : k - 1;
+          for (; j > 0 && candidate < found[j - 1]; --j) found[j] = found[j - 1];
+          found[j] = candidate;
+          if (m == k) worst = std::min(worst, found[k - 1].sq_dist);
+        }
+      } else {
+        for (int64_t i = 0; i < n; ++i) {
+          found[m] = {sq[i], t.index_[lo + i]};
+          m += sq[i] <= worst;
+        }
+        if (m > enough) worst = select_nearest(found, m, k, s.tied_).sq_dist, m = k;
+      }
+    }
+    if (m > k) select_nearest(found, m, k, s.tied_), m = k;
+    s.sq_radius_ = 0;
+    for (int64_t i = 0; i < m; ++i) s.sq_radius_ = std::max(s.sq_radius_, found[i].sq_dist);
+    s.size_ = m, s.place_ = x;
+    s.k_ = m == k ? k : 0;  // fewer within the limit say nothing about the next place
   }
 };
 

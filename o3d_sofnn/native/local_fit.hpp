@@ -14,96 +14,169 @@ struct LocalFit {
   Frame frame;
 };
 
+// Points of one fit, a column each: offsets from the centre, factor of the weight, coordinates in the frame of the
+// fit, its weights, residuals.
 struct FitScratch {
-  std::vector<Neighbor> neighbors;
-  std::vector<double> u, v, h, w;
+  Search neighbors;
+  std::vector<double> x, y, z, factor, u, v, h, weight, robust, residual;
+
+  void resize(int64_t n) {
+    for (auto* column : {&x, &y, &z, &factor, &u, &v, &h, &weight, &robust, &residual})
+      if (static_cast<int64_t>(column->size()) < n) column->resize(n);
+  }
 };
 
-// Weighted quadric over the first k neighbours. robust > 0 weights residuals by exp(-r^2 / (2 robust^2)), iterated.
-// With oriented normals of the points and a side, points that face away from the side get no weight.
-inline LocalFit fit_quadric(const double* points, const double* normals, const double* side, Vec3 center, int64_t k,
-                            double robust, int iterations, FitScratch& s) {
-  const double radius = std::sqrt(s.neighbors[k - 1].sq_dist) * 1.1;
-  const double inv = radius > 0 ? 1 / radius : 0;
-  double sum = 0, mean[3] = {0, 0, 0}, c[6] = {0, 0, 0, 0, 0, 0};
-  s.w.resize(k), s.u.resize(k), s.v.resize(k), s.h.resize(k);
-  for (int64_t i = 0; i < k; ++i) {
-    const Vec3 d = inv * (load(points + 3 * s.neighbors[i].index) - center);
-    double w = std::max(1 - dot(d, d), 0.0);
-    if (normals) {
-      const double agree = std::max(dot(load(normals + 3 * s.neighbors[i].index), load(side)), 0.0);
-      w *= agree * agree + 1e-6;
-    }
-    s.w[i] = w, s.u[i] = d.x, s.v[i] = d.y, s.h[i] = d.z;
-    sum += w;
-    mean[0] += w * d.x, mean[1] += w * d.y, mean[2] += w * d.z;
-    c[0] += w * d.x * d.x, c[1] += w * d.x * d.y, c[2] += w * d.x * d.z;
-    c[3] += w * d.y * d.y, c[4] += w * d.y * d.z, c[5] += w * d.z * d.z;
+// Columns of the points around a centre. With oriented normals of the points and a side, points that face away from
+// the side get no weight.
+inline void load_points(const double* points, const double* normals, const double* side, Vec3 center, FitScratch& s) {
+  const int64_t n = s.neighbors.size();
+  s.resize(n);
+  for (int64_t i = 0; i < n; ++i) {
+    const double* p = points + 3 * s.neighbors[i].index;
+    s.x[i] = p[0] - center.x, s.y[i] = p[1] - center.y, s.z[i] = p[2] - center.z;
   }
-  sum = std::max(sum, 1e-300);
-  for (double& m : mean) m /= sum;
-  c[0] = c[0] / sum - mean[0] * mean[0], c[1] = c[1] / sum - mean[0] * mean[1];
-  c[2] = c[2] / sum - mean[0] * mean[2], c[3] = c[3] / sum - mean[1] * mean[1];
-  c[4] = c[4] / sum - mean[1] * mean[2], c[5] = c[5] / sum - mean[2] * mean[2];
-  double value[3];
-  Vec3 axis[3];
-  eigen_symmetric3(c, value, axis);
+  for (int64_t i = 0; i < n; ++i) {
+    const double agree = normals ? std::max(dot(load(normals + 3 * s.neighbors[i].index), load(side)), 0.0) : 0.0;
+    s.factor[i] = normals ? agree * agree + 1e-6 : 1.0;
+  }
+}
 
+// Weights that fall to zero at the radius, and their moments up to second order, lengths over the radius.
+SOFNN_CLONES inline void weigh(const double* SOFNN_RESTRICT x, const double* SOFNN_RESTRICT y,
+                               const double* SOFNN_RESTRICT z, const double* SOFNN_RESTRICT factor, int64_t n,
+                               double inv, double* SOFNN_RESTRICT weight, double* SOFNN_RESTRICT moments) {
+  double s = 0, sx = 0, sy = 0, sz = 0, xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
+  for (int64_t i = 0; i < n; ++i) {
+    const double a = inv * x[i], b = inv * y[i], c = inv * z[i];
+    const double rest = 1 - (a * a + b * b + c * c);
+    const double w = (rest > 0 ? rest : 0) * factor[i];
+    const double wa = w * a, wb = w * b, wc = w * c;
+    weight[i] = w;
+    s += w, sx += wa, sy += wb, sz += wc;
+    xx += wa * a, xy += wa * b, xz += wa * c, yy += wb * b, yz += wb * c, zz += wc * c;
+  }
+  const double all[10] = {s, sx, sy, sz, xx, xy, xz, yy, yz, zz};
+  for (int i = 0; i < 10; ++i) moments[i] = all[i];
+}
+
+SOFNN_CLONES inline void turn(const double* SOFNN_RESTRICT x, const double* SOFNN_RESTRICT y,
+                              const double* SOFNN_RESTRICT z, int64_t n, const Frame& scaled, double* SOFNN_RESTRICT u,
+                              double* SOFNN_RESTRICT v, double* SOFNN_RESTRICT h) {
+  const Frame f = scaled;
+  for (int64_t i = 0; i < n; ++i) {
+    u[i] = f.t1.x * x[i] + f.t1.y * y[i] + f.t1.z * z[i];
+    v[i] = f.t2.x * x[i] + f.t2.y * y[i] + f.t2.z * z[i];
+    h[i] = f.n.x * x[i] + f.n.y * y[i] + f.n.z * z[i];
+  }
+}
+
+// Weights in the residual, exp(exponent r^2).
+SOFNN_CLONES inline void weigh_residuals(const double* SOFNN_RESTRICT weight, const double* SOFNN_RESTRICT residual,
+                                         int64_t n, double exponent, double* SOFNN_RESTRICT out) {
+  for (int64_t i = 0; i < n; ++i) out[i] = weight[i] * exp_negative(exponent * residual[i] * residual[i]);
+}
+
+// Sums of the normal equations: w u^i v^j for i + j <= 4, then w h times the six terms of the quadric, then w^2.
+struct QuadricSums {
+  double moments[15], right[6], weight2;
+};
+
+SOFNN_CLONES inline void sum_quadric(const double* SOFNN_RESTRICT us, const double* SOFNN_RESTRICT vs,
+                                     const double* SOFNN_RESTRICT hs, const double* SOFNN_RESTRICT ws, int64_t n,
+                                     QuadricSums* SOFNN_RESTRICT out) {
+  double m0 = 0, m1 = 0, m2 = 0, m3 = 0, m4 = 0, m5 = 0, m6 = 0, m7 = 0, m8 = 0, m9 = 0, m10 = 0, m11 = 0, m12 = 0,
+         m13 = 0, m14 = 0, r0 = 0, r1 = 0, r2 = 0, r3 = 0, r4 = 0, r5 = 0, w2 = 0;
+  for (int64_t i = 0; i < n; ++i) {
+    const double u = us[i], v = vs[i], h = hs[i], w = ws[i];
+    const double wu = w * u, wv = w * v, wh = w * h, uu = u * u, uv = u * v, vv = v * v;
+    const double wuu = w * uu, wuv = w * uv, wvv = w * vv;
+    m0 += w, m1 += wu, m2 += wv, m3 += wuu, m4 += wuv, m5 += wvv;
+    m6 += wuu * u, m7 += wuu * v, m8 += wvv * u, m9 += wvv * v;
+    m10 += wuu * uu, m11 += wuu * uv, m12 += wuu * vv, m13 += wvv * uv, m14 += wvv * vv;
+    r0 += wh, r1 += wh * u, r2 += wh * v, r3 += wh * uu, r4 += wh * uv, r5 += wh * vv;
+    w2 += w * w;
+  }
+  *out = {{m0, m1, m2, m3, m4, m5, m6, m7, m8, m9, m10, m11, m12, m13, m14}, {r0, r1, r2, r3, r4, r5}, w2};
+}
+
+// Residuals to a quadric, and the sum of their weighted squares.
+SOFNN_CLONES inline double sum_residuals(const double* SOFNN_RESTRICT us, const double* SOFNN_RESTRICT vs,
+                                         const double* SOFNN_RESTRICT hs, const double* SOFNN_RESTRICT ws, int64_t n,
+                                         const double* q, double* SOFNN_RESTRICT residual) {
+  const double q0 = q[0], q1 = q[1], q2 = q[2], q3 = q[3], q4 = q[4], q5 = q[5];
+  double sum = 0;
+  for (int64_t i = 0; i < n; ++i) {
+    const double u = us[i], v = vs[i];
+    const double r = hs[i] - (q0 + u * (q1 + q3 * u + q4 * v) + v * (q2 + q5 * v));
+    residual[i] = r;
+    sum += ws[i] * r * r;
+  }
+  return sum;
+}
+
+// Cholesky factor of the normal equations with a small penalty that leaves the plane free.
+inline bool factor_quadric(const QuadricSums& sums, double* a) {
+  const double* m = sums.moments;
+  const double full[36] = {m[0], 0,    0,     0,     0,     0,   m[1], m[3],  0,     0,     0,     0,
+                           m[2], m[4], m[5],  0,     0,     0,   m[3], m[6],  m[7],  m[10], 0,     0,
+                           m[4], m[7], m[8],  m[11], m[12], 0,   m[5], m[8],  m[9],  m[12], m[13], m[14]};
+  std::copy(full, full + 36, a);
+  const double ridge = 1e-9 * std::max(m[0], 1e-300);
+  a[0] += ridge * 1e-3;
+  for (int p = 1; p < 6; ++p) a[7 * p] += ridge + (p > 2 ? 1e-4 * m[0] : 0);
+  return cholesky(a, 6, 6);
+}
+
+// Sum of the variances of both slopes for residuals of unit variance.
+inline double slope_variance(const double* factor) {
+  double sum = 0;
+  for (int p = 1; p < 3; ++p) {
+    double e[6] = {0, 0, 0, 0, 0, 0};
+    e[p] = 1;
+    cholesky_solve(factor, 6, 6, e);
+    sum += e[p];
+  }
+  return sum;
+}
+
+// Weighted quadric over the first k points of s. robust > 0 weights residuals by exp(-r^2 / (2 robust^2)), iterated.
+inline LocalFit fit_quadric(Vec3 center, int64_t k, double robust, int iterations, FitScratch& s) {
   LocalFit fit{};
+  double sq_radius = 0;
+  for (int64_t i = 0; i < k; ++i) sq_radius = std::max(sq_radius, s.neighbors[i].sq_dist);
+  const double radius = std::sqrt(sq_radius) * 1.1, inv = radius > 0 ? 1 / radius : 0;
   fit.radius = radius;
+
+  double m[10], value[3];
+  weigh(s.x.data(), s.y.data(), s.z.data(), s.factor.data(), k, inv, s.weight.data(), m);
+  const double total = std::max(m[0], 1e-300), mean[3] = {m[1] / total, m[2] / total, m[3] / total};
+  const double covariance[6] = {m[4] / total - mean[0] * mean[0], m[5] / total - mean[0] * mean[1],
+                                m[6] / total - mean[0] * mean[2], m[7] / total - mean[1] * mean[1],
+                                m[8] / total - mean[1] * mean[2], m[9] / total - mean[2] * mean[2]};
+  Vec3 axis[3];
+  eigen_symmetric3(covariance, value, axis);
   fit.surface_variation = value[0] / std::max(value[0] + value[1] + value[2], 1e-300);
   fit.frame = frame_of(unit(axis[0]));
-  for (int64_t i = 0; i < k; ++i) {
-    const Vec3 d{s.u[i], s.v[i], s.h[i]};
-    s.u[i] = dot(d, fit.frame.t1), s.v[i] = dot(d, fit.frame.t2), s.h[i] = dot(d, fit.frame.n);
-  }
-  double a[36], b[6], scale = -1;
+  const Frame scaled{inv * fit.frame.t1, inv * fit.frame.t2, inv * fit.frame.n};
+  turn(s.x.data(), s.y.data(), s.z.data(), k, scaled, s.u.data(), s.v.data(), s.h.data());
+
+  const double* weight = s.weight.data();
+  double factor[36];
   for (int pass = 0; pass <= iterations; ++pass) {
-    for (double& x : a) x = 0;
-    for (double& x : b) x = 0;
-    double weight = 0, weight2 = 0;
-    for (int64_t i = 0; i < k; ++i) {
-      const double u = s.u[i], v = s.v[i], h = s.h[i];
-      double w = s.w[i];
-      if (scale > 0) {
-        const double* q = fit.coefficients;
-        const double r = h - (q[0] + q[1] * u + q[2] * v + q[3] * u * u + q[4] * u * v + q[5] * v * v);
-        w *= std::exp(-0.5 * r * r / (scale * scale));
-      }
-      weight += w, weight2 += w * w;
-      const double f[6] = {1, u, v, u * u, u * v, v * v};
-      for (int p = 0; p < 6; ++p) {
-        b[p] += w * f[p] * h;
-        for (int q = 0; q <= p; ++q) a[6 * p + q] += w * f[p] * f[q];
-      }
-    }
-    const double ridge = 1e-9 * std::max(weight, 1e-300);
-    a[0] += ridge * 1e-3;
-    for (int p = 1; p < 6; ++p) a[7 * p] += ridge + (p > 2 ? 1e-4 * weight : 0);
-    double inverse[2] = {0, 0};
-    if (!cholesky(a, 6, 6)) break;
-    cholesky_solve(a, 6, 6, b);
-    for (int p = 1; p < 3; ++p) {
-      double e[6] = {0, 0, 0, 0, 0, 0};
-      e[p] = 1;
-      cholesky_solve(a, 6, 6, e);
-      inverse[p - 1] = e[p];
-    }
-    for (int p = 0; p < 6; ++p) fit.coefficients[p] = b[p];
-    double sq = 0, sum_w = 0;
-    for (int64_t i = 0; i < k; ++i) {
-      const double u = s.u[i], v = s.v[i];
-      const double r = s.h[i] - (b[0] + b[1] * u + b[2] * v + b[3] * u * u + b[4] * u * v + b[5] * v * v);
-      double w = s.w[i];
-      if (scale > 0) w *= std::exp(-0.5 * r * r / (scale * scale));
-      sq += w * r * r, sum_w += w;
-    }
-    const double effective = weight * weight / std::max(weight2, 1e-300);
-    const double rms = std::sqrt(sq / std::max(sum_w, 1e-300) * effective / std::max(effective - 6, 1.0));
+    QuadricSums sums;
+    sum_quadric(s.u.data(), s.v.data(), s.h.data(), weight, k, &sums);
+    if (!factor_quadric(sums, factor)) break;
+    cholesky_solve(factor, 6, 6, sums.right);
+    std::copy(sums.right, sums.right + 6, fit.coefficients);
+    const double sq = sum_residuals(s.u.data(), s.v.data(), s.h.data(), weight, k, fit.coefficients, s.residual.data());
+    const double sum = sums.moments[0], effective = sum * sum / std::max(sums.weight2, 1e-300);
+    const double rms = std::sqrt(sq / std::max(sum, 1e-300) * effective / std::max(effective - 6, 1.0));
     fit.rms = rms * radius;
-    fit.slope_error = rms * std::sqrt((inverse[0] + inverse[1]) * weight2 / std::max(weight, 1e-300));
-    if (robust <= 0) break;
-    scale = std::max(robust * inv, 0.5 * rms);
+    fit.slope_error = rms * std::sqrt(slope_variance(factor) * sums.weight2 / std::max(sum, 1e-300));
+    if (robust <= 0 || pass == iterations) break;
+    const double scale = std::max(robust * inv, 0.5 * rms);
+    weigh_residuals(s.weight.data(), s.residual.data(), k, -0.5 / std::max(scale * scale, 1e-300), s.robust.data());
+    weight = s.robust.data();
   }
   const double* q = fit.coefficients;
   fit.normal = unit(fit.frame.n - q[1] * fit.frame.t1 - q[2] * fit.frame.t2);

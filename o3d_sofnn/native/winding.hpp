@@ -7,12 +7,7 @@
 
 #include "linalg.hpp"
 #include "parallel.hpp"
-
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
-#define SOFNN_CLONES __attribute__((target_clones("avx512f", "avx2,fma", "default")))
-#else
-#define SOFNN_CLONES
-#endif
+#include "simd.hpp"
 
 namespace sofnn {
 

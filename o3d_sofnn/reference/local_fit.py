@@ -171,10 +171,9 @@ def fit_quadric(
         inverse = np.linalg.inv(normal_matrix)
 
         residual = h - basis @ coefficients
-        w = weight * np.exp(-0.5 * (residual / scale) ** 2)
         effective = sum_w**2 / sum_w2
         freedom = effective / max(effective - 6.0, 1.0)
-        rms = float(np.sqrt(w @ residual**2 / max(w.sum(), 1e-300) * freedom))
+        rms = float(np.sqrt(w @ residual**2 / sum_w * freedom))
         slope_error = rms * float(np.sqrt((inverse[1, 1] + inverse[2, 2]) * sum_w2 / sum_w))
         scale = max(robust / radius if radius > 0.0 else 0.0, 0.5 * rms)
 
