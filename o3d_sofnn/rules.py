@@ -12,7 +12,7 @@ from .local_fit import Scale
 from .octree import build_octree
 
 LEAF = 32
-"""Points in an octree leaf, the piece of data that one fuzzy c-means run sees."""
+"""Fewest points in an octree leaf, the piece of data that one fuzzy c-means run sees."""
 RULES_PER_NEIGHBORHOOD = 8.0
 """Rules whose centres lie in the neighbourhood of one fit: how far neighbouring fits overlap."""
 NOISE_TOLERANCE = 1.4
@@ -153,7 +153,8 @@ def typical_data(points: NDArray[np.float64], scale: Scale, n_threads: int) -> N
     (c, 3) float64
         Cluster centres, c << n where there is noise.
     """
-    tree = build_octree(points, LEAF)
+    # Leaves smaller than a neighbourhood would get one rule each, however far they overlap.
+    tree = build_octree(points, max(LEAF, int(np.median(scale.n_neighbors)) // 4))
     count = np.diff(tree.offsets)
     middle = tree.points[(tree.offsets[:-1] + tree.offsets[1:]) // 2]
     neighbors = scale.n_neighbors[scale.at(middle, n_threads)]
