@@ -17,6 +17,7 @@ CORNERS = np.array([(c & 1, c >> 1 & 1, c >> 2 & 1) for c in range(8)], np.int64
 """Corner ``c`` of the unit cube: bit 0 is x, bit 1 is y, bit 2 is z."""
 EDGES = [(c, axis) for axis in range(3) for c in range(8) if not c >> axis & 1]
 """The twelve edges: lower corner and axis."""
+EDGE_ENDS = np.array([(c, c | 1 << axis) for c, axis in EDGES], np.int64)
 EDGE_OF = {(c, c | 1 << axis): e for e, (c, axis) in enumerate(EDGES)}
 NUDGE = 0.02
 """Least distance of a vertex from a node, over the edge: no triangle loses its area."""
@@ -74,8 +75,14 @@ def _visits_face_twice(loop: list[int]) -> bool:
 
 
 @cache
-def triangle_table() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def triangle_table(fan: bool = False) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Triangles of the 256 cases.
+
+    Parameters
+    ----------
+    fan : bool, default False
+        Give every loop of more than three edges a middle vertex: no diagonals, for cubes with
+        corners that coincide.
 
     Returns
     -------
@@ -90,7 +97,7 @@ def triangle_table() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         triangles: list[tuple[int, int, int]] = []
         middles = 0
         for loop in _loops(case):
-            if len(loop) > 3 and _visits_face_twice(loop):
+            if len(loop) > 3 and (fan or _visits_face_twice(loop)):
                 members[case, middles, : len(loop)] = loop
                 middle = MIDDLE + middles
                 middles += 1
@@ -117,7 +124,7 @@ def marching_cubes(
     nodes : (m, 3) float64
         Positions of the nodes.
     cubes : (c, 8) int64
-        Nodes of each cube in the order of ``CORNERS``.
+        Nodes of each cube in the order of ``CORNERS``; neighbouring corners may coincide.
 
     Returns
     -------
@@ -126,40 +133,50 @@ def marching_cubes(
     triangles : (t, 3) int32
         Outward.
     """
-    table, members = triangle_table()
     inside = values < 0
     case = inside[cubes] @ (1 << np.arange(8))
     crossed = (case > 0) & (case < 255)
     cubes, case = cubes[crossed], case[crossed]
+    ends = cubes[:, EDGE_ENDS]
+    coincide = (ends[:, :, 0] == ends[:, :, 1]).any(axis=1)
 
-    low = np.array([c for c, _ in EDGES])
-    high = np.array([c | 1 << axis for c, axis in EDGES])
-    axis = np.array([a for _, a in EDGES])
-    edge_key = cubes[:, low] * 3 + axis
-    middle_key = 3 * len(values) + 4 * np.arange(len(cubes))[:, None] + np.arange(4)
+    # An edge is named by its nodes, the lower one first, and a middle by its cube and number.
+    edge_key = ends.min(axis=2) * len(values) + ends.max(axis=2)
+    middle_key = len(values) ** 2 + 4 * np.arange(len(cubes))[:, None] + np.arange(4)
     key = np.concatenate([edge_key, middle_key], axis=1)
-
-    local = table[case]
-    cube, slot = np.nonzero(local[:, :, 0] >= 0)
-    keys = key[cube[:, None], local[cube, slot]]
-    used, triangles = np.unique(keys, return_inverse=True)
+    keys = []
+    for fan in (False, True):
+        which = np.flatnonzero(coincide == fan)
+        local = triangle_table(fan)[0][case[which]]
+        cube, slot = np.nonzero(local[:, :, 0] >= 0)
+        keys.append(key[which[cube][:, None], local[cube, slot]])
+    keys[1] = _without_collapsed(keys[1], len(values) ** 2)
+    used, triangles = np.unique(np.concatenate(keys), return_inverse=True)
     vertices = np.zeros((len(used), 3))
 
-    on_edge = used < 3 * len(values)
-    start = used[on_edge] // 3
-    flat = edge_key.ravel()
-    order = np.argsort(flat, kind="stable")
-    end = cubes[:, high].ravel()[order[np.searchsorted(flat[order], used[on_edge])]]
+    on_edge = used < len(values) ** 2
+    start, end = np.divmod(used[on_edge], len(values))
     a, b = values[start], values[end]
     t = np.clip(a / (a - b), NUDGE, 1.0 - NUDGE)[:, None]
     vertices[on_edge] = nodes[start] + t * (nodes[end] - nodes[start])
 
-    which = used[~on_edge] - 3 * len(values)
-    owner, number = which // 4, which % 4
-    loop = members[case[owner], number]
-    loop_keys = np.where(loop >= 0, edge_key[owner[:, None], np.maximum(loop, 0)], -1)
-    place = np.searchsorted(used, np.maximum(loop_keys, 0))
+    owner, number = np.divmod(used[~on_edge] - len(values) ** 2, 4)
+    loop = np.where(
+        coincide[owner][:, None],
+        triangle_table(True)[1][case[owner], number],
+        triangle_table(False)[1][case[owner], number],
+    )
+    loop_keys = np.where(loop >= 0, edge_key[owner[:, None], np.maximum(loop, 0)], used[0])
     weight = (loop >= 0).astype(np.float64)
-    corner = vertices[np.where(loop >= 0, place, 0)]
+    corner = vertices[np.searchsorted(used, loop_keys)]
     vertices[~on_edge] = (corner * weight[:, :, None]).sum(axis=1) / weight.sum(axis=1)[:, None]
     return vertices, triangles.reshape(-1, 3).astype(np.int32)
+
+
+def _without_collapsed(keys: NDArray[np.int64], first_middle: int) -> NDArray[np.int64]:
+    """Drop triangles with two equal vertices and fans with fewer than three triangles."""
+    whole = (keys != np.roll(keys, 1, axis=1)).all(axis=1)
+    keys = keys[whole]
+    fan = keys[:, 0] >= first_middle
+    _, back, count = np.unique(keys[:, 0], return_inverse=True, return_counts=True)
+    return np.asarray(keys[~fan | (count[back] >= 3)])

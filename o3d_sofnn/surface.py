@@ -10,13 +10,12 @@ import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
 from ._kernels import KdTree
+from .grid import AdaptiveGrid
 from .marching_cubes import CORNERS, marching_cubes
 from .rules import RuleBase
 
 Evaluate = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 
-MARGIN = 8
-"""Cubes between the data and the wall of the domain, outside of which there is no inside."""
 SIDE = 1024
 """Cubes along the longest side that are never too many, however few points a wide scene has; an
 object with n points has about sqrt(n) spacings along its side."""
@@ -24,54 +23,17 @@ SAMPLES = 16
 """Fewest samples on a closed piece of surface that is kept."""
 
 
-class SparseGrid:
-    """Nodes and cubes of a regular grid, named by integer keys.
-
-    Parameters
-    ----------
-    points : (n, 3) float64
-        What the grid has to hold.
-    size : float
-        Edge of a cube, in the unit of the points.
-    """
-
-    def __init__(self, points: NDArray[np.float64], size: float) -> None:
-        self.size = size
-        self.origin = points.min(axis=0) - (MARGIN + 0.5) * size
-        extent = points.max(axis=0) - self.origin
-        self.shape = np.ceil(extent / size).astype(np.int64) + MARGIN + 2
-        if not np.all(self.shape < 2**20):
-            raise ValueError(f"voxel_size is too small: {self.shape.max()} cubes along one axis")
-        self.steps = np.array([1, self.shape[0], self.shape[0] * self.shape[1]], np.int64)
-
-    def cubes_at(self, x: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Keys of the cubes that hold the rows of `x`, sorted."""
-        index = np.clip(((x - self.origin) / self.size).astype(np.int64), 1, self.shape - 3)
-        return np.unique(index @ self.steps)
-
-    def split(self, keys: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Integer coordinates of keys, (m, 3)."""
-        x = keys % self.shape[0]
-        y = keys // self.shape[0] % self.shape[1]
-        return np.stack([x, y, keys // self.steps[2]], axis=1)
-
-    def positions(self, keys: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Places of nodes, (m, 3)."""
-        return np.asarray(self.origin + self.size * self.split(keys))
-
-    def on_wall(self, keys: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Whether nodes lie on the wall of the domain."""
-        index = self.split(keys)
-        return np.asarray(((index <= 1) | (index >= self.shape - 2)).any(axis=1))
-
-
 def extract(
-    evaluate: Evaluate, seeds: NDArray[np.float64], size: float
+    evaluate: Evaluate,
+    seeds: NDArray[np.float64],
+    size: float,
+    levels: NDArray[np.int64] | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Triangulate the zero set of a function through the cubes around some seeds.
 
     Starting from the cubes that hold seeds, every cube across a face with a change of sign is
     added, until there is none left: the surface is closed, and pieces without data are never met.
+    The cubes grow with the distance from the seeds.
 
     Parameters
     ----------
@@ -80,7 +42,9 @@ def extract(
     seeds : (n, 3) float64
         Points near the surface.
     size : float
-        Edge of a cube.
+        Edge of a finest cube.
+    levels : (n,) int64, optional
+        Cubes around a seed have an edge of ``size * 2**level``. None for 0.
 
     Returns
     -------
@@ -88,28 +52,42 @@ def extract(
     triangles : (t, 3) int32
         A closed manifold, outward.
     """
-    grid = SparseGrid(seeds, size)
-    corner_steps = CORNERS @ grid.steps
+    if levels is None:
+        levels = np.zeros(len(seeds), np.int64)
+    grid = AdaptiveGrid(seeds, size, levels)
     cubes, nodes = SortedMap(), SortedMap()
-    fresh = grid.cubes_at(seeds)
+    fresh = grid.cubes_at(seeds, levels)
     while len(fresh):
-        corners = fresh[:, None] + corner_steps
+        corners = grid.corners(fresh)
         wanted = nodes.missing(np.unique(corners))
         if len(wanted):
-            found, _ = evaluate(grid.positions(wanted))
-            nodes.add(wanted, np.where(grid.on_wall(wanted), np.maximum(found, size), found))
+            nodes.add(wanted, _walled(evaluate, grid, wanted))
         cubes.add(fresh, np.zeros(len(fresh)))
         inside = nodes.get(corners) < 0
-        neighbors = []
-        for axis in range(3):
-            for side in (0, 1):
-                face = inside[:, CORNERS[:, axis] == side]
-                crossed = face.any(axis=1) & ~face.all(axis=1)
-                neighbors.append(fresh[crossed] + (2 * side - 1) * grid.steps[axis])
-        fresh = cubes.missing(np.unique(np.concatenate(neighbors)))
+        crossed = np.stack(
+            [
+                [face.any(axis=1) & ~face.all(axis=1) for face in _faces(inside, axis)]
+                for axis in range(3)
+            ]
+        ).transpose(2, 0, 1)
+        fresh = cubes.missing(grid.across(fresh, corners, crossed))
     keys, values = nodes.items()
-    index = np.searchsorted(keys, cubes.items()[0][:, None] + corner_steps)
+    index = np.searchsorted(keys, grid.corners(cubes.items()[0]))
     return marching_cubes(values, grid.positions(keys), index)
+
+
+def _faces(inside: NDArray[np.bool_], axis: int) -> list[NDArray[np.bool_]]:
+    return [inside[:, CORNERS[:, axis] == side] for side in (0, 1)]
+
+
+def _walled(evaluate: Evaluate, grid: AdaptiveGrid, leaves: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Evaluate in the middle of leaves; outside of the box of the domain all is outside."""
+    x = grid.positions(leaves)
+    values, support = evaluate(x)
+    # Far away only the sign counts. In proportion to the leaves it lets the wall cut straight.
+    values = np.where(support > 0.0, values, values * grid.edges(leaves))
+    wall = np.maximum(grid.low - x, x - grid.high).max(axis=1)
+    return np.maximum(values, wall)
 
 
 class SortedMap:
