@@ -50,6 +50,12 @@ def halve(keys: Keys, times: int) -> Keys:
     return np.asarray(keys >> times & (field | field << BITS | field << 2 * BITS))
 
 
+def distinct(keys: Keys) -> Keys:
+    """Return the different keys in order; several times as fast as ``numpy.unique`` on millions."""
+    keys = np.sort(keys, axis=None)
+    return keys[np.concatenate([np.ones(min(1, len(keys)), bool), keys[1:] != keys[:-1]])]
+
+
 def contains(sorted_keys: Keys, keys: Keys) -> NDArray[np.bool_]:
     """Whether `keys` are among `sorted_keys`."""
     if not len(sorted_keys):
@@ -90,23 +96,35 @@ class AdaptiveGrid:
         self._refined = [np.zeros(0, np.int64)]
         index = ((points - self.origin) / size).astype(np.int64)
         for level in range(self.top):
-            own = halve(np.unique(pack(index[levels == level] >> level)), 1)
-            near = (np.unique(own)[:, None] + pack(AROUND)).ravel()
+            own = halve(distinct(pack(index[levels == level] >> level)), 1)
+            near = (distinct(own)[:, None] + pack(AROUND)).ravel()
             # Leaves that touch differ by one level at most: all around a cell there are cells.
             touched = (self._refined[-1][:, None] + pack(AROUND[(AROUND != 0).all(axis=1)])).ravel()
-            self._refined.append(np.unique(np.concatenate([near, halve(np.unique(touched), 1)])))
+            self._refined.append(distinct(np.concatenate([near, halve(distinct(touched), 1)])))
 
     def cubes_at(self, x: NDArray[np.float64], levels: NDArray[np.int64]) -> Keys:
         """Dual cubes that hold places whose leaves have the given levels; sorted."""
         edge = np.left_shift(1, levels)[:, None]
         index = np.rint((x - self.origin) / self.size / edge).astype(np.int64) * edge
-        return np.unique(pack(2 * index))
+        return distinct(pack(2 * index))
 
-    def corners(self, cubes: Keys) -> Keys:
-        """Leaves at the corners of dual cubes, (m, 8), in the order of ``CORNERS``."""
-        cells = cubes[:, None] + pack(2 * CORNERS - 1)
-        distinct, back = np.unique(cells, return_inverse=True)
-        return self._leaves(distinct)[back].reshape(cells.shape)
+    def corners(self, cubes: Keys) -> tuple[Keys, NDArray[np.int64]]:
+        """Leaves at the corners of sorted dual cubes.
+
+        Returns
+        -------
+        leaves : (k,) int64
+            Sorted.
+        index : (m, 8) int64
+            Which of them are the corners of each cube, in the order of ``CORNERS``.
+        """
+        cells = cubes + pack(2 * CORNERS - 1)[:, None]
+        around = distinct(cells)
+        found = self._leaves(around)
+        leaves = distinct(found)
+        # A row of `cells` is sorted, which makes this search a fast one.
+        back = np.searchsorted(leaves, found)
+        return leaves, np.stack([back[np.searchsorted(around, row)] for row in cells], axis=1)
 
     def _leaves(self, middles: Keys) -> Keys:
         """Leaves that hold the finest cells with the given middles."""
@@ -127,14 +145,20 @@ class AdaptiveGrid:
         """Middles of leaves, (m, 3)."""
         return np.asarray(self.origin + 0.5 * self.size * unpack(leaves))
 
-    def across(self, cubes: Keys, corners: Keys, crossed: NDArray[np.bool_]) -> Keys:
+    def across(
+        self,
+        cubes: Keys,
+        leaves: Keys,
+        index: NDArray[np.int64],
+        crossed: NDArray[np.bool_],
+    ) -> Keys:
         """Dual cubes on the other side of faces.
 
         Parameters
         ----------
         cubes : (m,) int64
-        corners : (m, 8) int64
-            Their leaves.
+        leaves, index
+            Their corners.
         crossed : (m, 3, 2) bool
             Faces of interest, by axis and side.
 
@@ -147,7 +171,7 @@ class AdaptiveGrid:
         for axis in range(3):
             for side in (0, 1):
                 which = np.flatnonzero(crossed[:, axis, side])
-                ring = corners[which][:, RINGS[axis][side]]
+                ring = leaves[index[which][:, RINGS[axis][side]]]
                 proper = (ring != np.roll(ring, 1, axis=1)).sum(axis=1) >= 3
                 which, ring = which[proper], ring[proper]
                 # The dual edge ends where the smallest leaf beside it does.
@@ -156,4 +180,4 @@ class AdaptiveGrid:
                 end = (middle + half).min(axis=1) if side else (middle - half).max(axis=1)
                 step = end - (cubes[which] >> axis * BITS & FIELD)
                 found.append(cubes[which] + (step << axis * BITS))
-        return np.unique(np.concatenate(found))
+        return distinct(np.concatenate(found))

@@ -56,24 +56,26 @@ def extract(
         levels = np.zeros(len(seeds), np.int64)
     grid = AdaptiveGrid(seeds, size, levels)
     cubes, nodes = SortedMap(), SortedMap()
+    rounds = []
     fresh = grid.cubes_at(seeds, levels)
     while len(fresh):
-        corners = grid.corners(fresh)
-        wanted = nodes.missing(np.unique(corners))
+        leaves, index = grid.corners(fresh)
+        wanted = nodes.missing(leaves)
         if len(wanted):
             nodes.add(wanted, _walled(evaluate, grid, wanted))
         cubes.add(fresh, np.zeros(len(fresh)))
-        inside = nodes.get(corners) < 0
+        inside = (nodes.get(leaves) < 0)[index]
+        rounds.append((leaves, index[inside.any(axis=1) & ~inside.all(axis=1)]))
         crossed = np.stack(
             [
                 [face.any(axis=1) & ~face.all(axis=1) for face in _faces(inside, axis)]
                 for axis in range(3)
             ]
         ).transpose(2, 0, 1)
-        fresh = cubes.missing(grid.across(fresh, corners, crossed))
+        fresh = cubes.missing(grid.across(fresh, leaves, index, crossed))
     keys, values = nodes.items()
-    index = np.searchsorted(keys, grid.corners(cubes.items()[0]))
-    return marching_cubes(values, grid.positions(keys), index)
+    corners = [np.searchsorted(keys, leaves)[index] for leaves, index in rounds]
+    return marching_cubes(values, grid.positions(keys), np.concatenate(corners))
 
 
 def _faces(inside: NDArray[np.bool_], axis: int) -> list[NDArray[np.bool_]]:
