@@ -62,15 +62,17 @@ class Field:
         weight = cell_areas(samples, n_threads)
         self._dipoles = weight[:, None] * normals
         self._far_tree = _kernels.WindingTree(samples, weight)
-        self._width = float(np.median(spacing))
         # As in Poisson reconstruction the level is the mean over the samples: 1/2 on closed data.
-        self.level = float(np.average(self.winding_number(samples), weights=weight))
+        self.level = float(np.average(self.winding_number(samples, spacing), weights=weight))
 
-    def winding_number(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Winding number of the oriented rules at `x`, (m,)."""
-        width = np.full(len(x), WIDTH * self._width)
+    def winding_number(
+        self, x: NDArray[np.float64], spacing: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Winding number of the samples at `x`, (m,), smoothed as their spacing there wants."""
         return np.asarray(
-            self._far_tree.evaluate(self._dipoles, None, x, width, OPENING, self.n_threads)[0]
+            self._far_tree.evaluate(
+                self._dipoles, None, x, WIDTH * spacing, OPENING, self.n_threads
+            )[0]
         )
 
     def __call__(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -100,9 +102,9 @@ class Field:
         distance, nearest = self._samples.query(x, 1, limit, self.n_threads)
         spacing = self._spacing[np.minimum(nearest[:, 0], len(self._spacing) - 1)]
         share = fade(distance[:, 0] / spacing, *REACH)
-        excess = self.level - self.winding_number(x)
+        excess = self.level - self.winding_number(x, spacing)
         weight = share * fade(np.abs(excess), *CERTAIN)
-        far = self._width * excess
+        far = spacing * excess
         values = far.copy()
         near = np.flatnonzero(share > 0.0)
         local = _kernels.evaluate_field(

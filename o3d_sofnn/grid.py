@@ -23,14 +23,14 @@ MARGIN = 8
 COARSEST = 16
 """Largest leaves along the longest side of the data, at least."""
 AROUND = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], [-1, 0, 1], indexing="ij"), -1).reshape(-1, 3)
-RINGS = [
-    [
-        [c for c in (base, base | u, base | u | v, base | v)]
-        for base in (0, 1 << axis)
-        for u, v in [(1 << (axis + 1) % 3, 1 << (axis + 2) % 3)]
-    ]
-    for axis in range(3)
-]
+
+
+def _ring(axis: int, side: int) -> list[int]:
+    u, v = 1 << (axis + 1) % 3, 1 << (axis + 2) % 3
+    return [side << axis | corner for corner in (0, u, u | v, v)]
+
+
+RINGS = [[_ring(axis, side) for side in (0, 1)] for axis in range(3)]
 """Corners of the faces of a cube in a ring, by axis and side."""
 
 
@@ -53,7 +53,9 @@ def halve(keys: Keys, times: int) -> Keys:
 def distinct(keys: Keys) -> Keys:
     """Return the different keys in order; several times as fast as ``numpy.unique`` on millions."""
     keys = np.sort(keys, axis=None)
-    return keys[np.concatenate([np.ones(min(1, len(keys)), bool), keys[1:] != keys[:-1]])]
+    first = np.ones(len(keys), bool)
+    first[1:] = keys[1:] != keys[:-1]
+    return np.asarray(keys[first])
 
 
 def contains(sorted_keys: Keys, keys: Keys) -> NDArray[np.bool_]:
@@ -139,7 +141,7 @@ class AdaptiveGrid:
 
     def edges(self, leaves: Keys) -> NDArray[np.int64]:
         """Edge of leaves in finest cells: the middle is an odd multiple of half of it."""
-        return np.asarray(leaves & -leaves) & FIELD
+        return np.asarray(leaves & -leaves & FIELD)
 
     def positions(self, leaves: Keys) -> NDArray[np.float64]:
         """Middles of leaves, (m, 3)."""

@@ -166,7 +166,7 @@ def marching_cubes(
         triangle_table(True)[1][case[owner], number],
         triangle_table(False)[1][case[owner], number],
     )
-    loop_keys = np.where(loop >= 0, edge_key[owner[:, None], np.maximum(loop, 0)], used[0])
+    loop_keys = np.where(loop >= 0, edge_key[owner[:, None], np.maximum(loop, 0)], -1)
     weight = (loop >= 0).astype(np.float64)
     corner = vertices[np.searchsorted(used, loop_keys)]
     vertices[~on_edge] = (corner * weight[:, :, None]).sum(axis=1) / weight.sum(axis=1)[:, None]

@@ -18,10 +18,11 @@ from .growth import adjust, combine, generate
 from .local_fit import Scale, choose_scale, find_outliers
 from .octree import sort_unique
 from .orientation import face, orient
+from .resolution import choose_levels, choose_voxel_size
 from .results import NormalEstimate, SurfaceEstimate
 from .rlps import local_surfaces
 from .rules import RuleBase, fit_rules, infer_normals, typical_data
-from .surface import attribute_weights, choose_voxel_size, extract, keep_supported, mesh_normals
+from .surface import attribute_weights, extract, keep_supported, mesh_normals
 
 __all__ = ["NormalEstimate", "SurfaceEstimate", "estimate_normals", "reconstruct_surface"]
 
@@ -187,10 +188,14 @@ def reconstruct_surface(
             None if voxel_size is None else voxel_size / learned.extent,
         )
         samples = inliers - residual[:, None] * facing
-        spacing = np.maximum(learned.scale.spacing[learned.scale.at(inliers, threads)], size)
+        spacing = learned.scale.spacing[learned.scale.at(inliers, threads)]
+        finest, levels = size, np.zeros(len(samples), np.int64)
+        if depth is None and voxel_size is None:
+            finest, levels = choose_levels(samples, spacing, rules, size, threads)
+        spacing = np.maximum(spacing, finest * np.exp2(levels))
         implicit = Field(rules, surfaces, samples, facing, spacing, threads)
     with clock.stage("surface"):
-        vertices, triangles = extract(implicit, samples, size)
+        vertices, triangles = extract(implicit, samples, finest, levels)
         confidence = implicit(vertices)[1]
         vertices, triangles, confidence = keep_supported(
             vertices, triangles, confidence, samples, trim, threads

@@ -12,13 +12,9 @@ from numpy.typing import NDArray
 from ._kernels import KdTree
 from .grid import AdaptiveGrid
 from .marching_cubes import CORNERS, marching_cubes
-from .rules import RuleBase
 
 Evaluate = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 
-SIDE = 1024
-"""Cubes along the longest side that are never too many, however few points a wide scene has; an
-object with n points has about sqrt(n) spacings along its side."""
 SAMPLES = 16
 """Fewest samples on a closed piece of surface that is kept."""
 
@@ -66,30 +62,32 @@ def extract(
         cubes.add(fresh, np.zeros(len(fresh)))
         inside = (nodes.get(leaves) < 0)[index]
         rounds.append((leaves, index[inside.any(axis=1) & ~inside.all(axis=1)]))
-        crossed = np.stack(
-            [
-                [face.any(axis=1) & ~face.all(axis=1) for face in _faces(inside, axis)]
-                for axis in range(3)
-            ]
-        ).transpose(2, 0, 1)
-        fresh = cubes.missing(grid.across(fresh, leaves, index, crossed))
+        fresh = cubes.missing(grid.across(fresh, leaves, index, _crossed(inside)))
     keys, values = nodes.items()
     corners = [np.searchsorted(keys, leaves)[index] for leaves, index in rounds]
     return marching_cubes(values, grid.positions(keys), np.concatenate(corners))
 
 
-def _faces(inside: NDArray[np.bool_], axis: int) -> list[NDArray[np.bool_]]:
-    return [inside[:, CORNERS[:, axis] == side] for side in (0, 1)]
+def _crossed(inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Whether faces of cubes have corners inside and outside, (m, 3, 2) by axis and side."""
+    result = np.zeros((len(inside), 3, 2), bool)
+    for axis in range(3):
+        for side in (0, 1):
+            face = inside[:, CORNERS[:, axis] == side]
+            result[:, axis, side] = face.any(axis=1) & ~face.all(axis=1)
+    return result
 
 
-def _walled(evaluate: Evaluate, grid: AdaptiveGrid, leaves: NDArray[np.int64]) -> NDArray[np.float64]:
+def _walled(
+    evaluate: Evaluate, grid: AdaptiveGrid, leaves: NDArray[np.int64]
+) -> NDArray[np.float64]:
     """Evaluate in the middle of leaves; outside of the box of the domain all is outside."""
     x = grid.positions(leaves)
     values, support = evaluate(x)
     # Far away only the sign counts. In proportion to the leaves it lets the wall cut straight.
     values = np.where(support > 0.0, values, values * grid.edges(leaves))
     wall = np.maximum(grid.low - x, x - grid.high).max(axis=1)
-    return np.maximum(values, wall)
+    return np.asarray(np.maximum(values, wall))
 
 
 class SortedMap:
@@ -134,42 +132,6 @@ _Part = tuple[NDArray[np.int64], NDArray[np.float64]]
 def _merged(a: _Part, b: _Part) -> _Part:
     place = np.searchsorted(a[0], b[0])
     return np.insert(a[0], place, b[0]), np.insert(a[1], place, b[1])
-
-
-def choose_voxel_size(
-    points: NDArray[np.float64],
-    spacing: float,
-    rules: RuleBase,
-    depth: int | None,
-    voxel_size: float | None,
-) -> float:
-    """Edge of a cube: what the user wants, or what spacing, noise and the number of points support.
-
-    Parameters
-    ----------
-    points : (n, 3) float64
-        The cloud.
-    spacing : float
-        Edge of the square that one point covers.
-    rules : RuleBase
-        Rules; a quarter of their radius resolves their quadrics.
-    depth : int or None
-        Octree depth over the longest side.
-    voxel_size : float or None
-        Edge of a cube.
-
-    Returns
-    -------
-    float
-        In the unit of the points.
-    """
-    if voxel_size is not None:
-        return voxel_size
-    if depth is not None:
-        return float(np.ptp(points, axis=0).max() / 2**depth)
-    wanted = max(0.75 * spacing, 0.25 * float(np.median(rules.radius)))
-    finest = float(np.ptp(points, axis=0).max() / max(SIDE, 1.25 * np.sqrt(len(points))))
-    return max(wanted, finest)
 
 
 def keep_supported(
