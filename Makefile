@@ -1,5 +1,6 @@
 # make demo, make test: what they need from PyPI goes into .venv, nothing else is touched.
 # make system: what they need from Debian or Ubuntu, as root.
+# make meshlab-plugin: the same, and MeshLab's sources from Debian, for the plugin's tests alone.
 # make ext: the native module beside its sources, for work on the package without installing it.
 
 PYTHON ?= python3
@@ -11,12 +12,20 @@ SOURCES := pyproject.toml CMakeLists.txt README.md LICENSE \
 	$(shell find o3d_sofnn filters/meshlab_sofnn -type f \
 		\( -name '*.py' -o -name '*.pyi' -o -name '*.typed' -o -name '*.[ch]pp' \) 2>/dev/null)
 
-.PHONY: help system demo test lint ext clean
+# Debian's MeshLab, whose headers are read, and PyMeshLab of the same release, whose last Python is 3.11.
+PYTHON311 ?= python3.11
+MESHLAB := $(VENV)/build/meshlab
+MESHLAB_TARBALL := http://deb.debian.org/debian/pool/main/m/meshlab/meshlab_2022.02+dfsg1.orig.tar.xz
+MESHLAB_SHA256 := 11da26ec46c3fbbbc806d410a3221542ec21ec13fdcc55d624304600029435fd
+
+.PHONY: help system demo test lint meshlab-plugin ext clean
 
 help:
 	@echo "make system  install the system packages (Debian, Ubuntu; as root)"
 	@echo "make demo    reconstruct real scans, write meshes and pictures"
 	@echo "make test    lint, types, tests of the installed wheel"
+	@echo "make meshlab-plugin"
+	@echo "             download MeshLab's headers, build the native plugin and test it (filters/README.md)"
 	@echo "make ext     build the native module in place"
 	@echo "make clean   remove the environment, builds and caches"
 
@@ -46,6 +55,26 @@ $(VENV)/.demo: $(SOURCES) | $(BIN)/python
 
 $(VENV)/.test: $(SOURCES) | $(BIN)/python
 	$(BIN)/python -m pip install --quiet '.[test]'
+	touch $@
+
+meshlab-plugin: $(VENV)/.test $(MESHLAB)/.source $(MESHLAB)/.python
+	env -u PYTHONPATH MESHLAB_SRC=$(CURDIR)/$(MESHLAB)/source/src MESHLAB_BUILD=$(CURDIR)/$(MESHLAB)/plugin \
+		MESHLAB_PYTHON=$(CURDIR)/$(MESHLAB)/python/bin/python \
+		$(BIN)/pytest tests/filters/test_meshlab_plugin.py tests/filters/test_meshlab_program.py
+
+$(MESHLAB)/.source: | $(BIN)/python
+	mkdir -p $(MESHLAB)/source
+	$(BIN)/python -c "import sys, urllib.request as r; r.urlretrieve(*sys.argv[1:])" \
+		"$(MESHLAB_TARBALL)" $(MESHLAB)/source.tar.xz
+	echo "$(MESHLAB_SHA256)  $(MESHLAB)/source.tar.xz" | sha256sum --check --quiet
+	tar -xf $(MESHLAB)/source.tar.xz -C $(MESHLAB)/source --strip-components=1
+	touch $@
+
+$(MESHLAB)/.python:
+	mkdir -p $(MESHLAB)
+	$(PYTHON311) -m venv $(MESHLAB)/python
+	$(MESHLAB)/python/bin/python -m pip install --quiet \
+		pymeshlab==2022.2.post4 "numpy<2" scipy "libigl>=2.6,<3" nanobind-backend
 	touch $@
 
 ext:

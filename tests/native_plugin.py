@@ -10,7 +10,6 @@ from __future__ import annotations
 import importlib.util
 import os
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -61,8 +60,8 @@ def build(packages: Path, folder: Path) -> Path:
     """Build the plugin in a folder, or skip the test with the reason why that cannot be."""
     if not SOURCE:
         pytest.skip("MESHLAB_SRC does not name the folder src of MeshLab's sources")
-    if sys.platform != "linux" or shutil.which("cmake") is None:
-        pytest.skip("the plugin's test needs Linux and cmake")
+    if sys.platform != "linux":
+        pytest.skip("the plugin's test needs Linux")
     version, library = pymeshlab_build(packages)
     headers = (Path(SOURCE).parent / "ML_VERSION").read_text().strip()
     # MeshLab compares this much: year and month, or its first digit.
