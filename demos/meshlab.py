@@ -128,12 +128,13 @@ def _apply(
             normals_seconds = seconds
             normals = np.array(ms.current_mesh().vertex_normal_matrix(), order="C")
     mesh = ms.current_mesh()
-    triangles = mesh.face_matrix()
+    vertices, triangles = mesh.vertex_matrix(), mesh.face_matrix()
+    # Marching cubes on noise can leave vertices without a place, ball pivoting those without use.
+    triangles = triangles[np.isfinite(vertices).all(axis=1)[triangles].all(axis=1)]
     if not len(triangles):
         raise RuntimeError("the mesh has no triangles")
-    # Ball pivoting keeps vertices that no triangle uses.
     kept, compact = np.unique(triangles, return_inverse=True)
-    vertices = np.array(mesh.vertex_matrix()[kept], order="C")
+    vertices = np.array(vertices[kept], order="C")
     return Mesh(vertices, compact.reshape(-1, 3), normals), normals_seconds, seconds
 
 
