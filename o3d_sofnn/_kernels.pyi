@@ -90,10 +90,14 @@ class RuleView:
     def size(self) -> int:
         """Number of rules."""
 
-def infer_normals(rules: RuleView, x: _Floats, k: int, n_threads: int) -> tuple[_Floats, _Floats]:
+def infer_normals(
+    rules: RuleView, x: _Floats, sides: _Floats | None, k: int, n_threads: int
+) -> tuple[_Floats, _Floats]:
     """Infer a normal at every row of `x` from the `k` nearest rules, eq. (7) and (9).
 
-    Returns unit normals (m, 3), and (m, 2): agreement of the rules, residual to the best one.
+    Rules that face the way of `sides` (m, 3), unit vectors or zero, have a larger share. Returns
+    unit normals (m, 3), and (m, 2): agreement of the rules, residual to the best one. Fast where
+    consecutive places lie close together.
     """
 
 def reconstruct_units(
@@ -120,13 +124,13 @@ def evaluate_field(
     `rbf` and `terms` come from :func:`reconstruct_units`.
     """
 
-def basis_functions(
+def consequent_errors(
     rules: RuleView, x: _Floats, k: int, n_threads: int
-) -> tuple[_Ints, _Floats, _Floats]:
-    """Evaluate the fuzzy basis functions of the `k` nearest rules at every row of `x`, eq. (9).
+) -> tuple[_Floats, _Floats]:
+    """Sum output, eq. (7), times fuzzy basis function, eq. (9), of each rule over `x` (m, 3).
 
-    Returns rules, values that sum to one, and signed distances to the quadrics, (m, k) each; zeros
-    where there are fewer than `k` rules.
+    Only the `k` nearest rules of a place take part. Returns that sum and that of the basis
+    functions alone, (r,) each.
     """
 
 def typical_data(

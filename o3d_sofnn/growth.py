@@ -95,7 +95,8 @@ def adjust(rules: RuleBase, points: NDArray[np.float64], n_threads: int) -> Rule
     """Adjust the consequents by gradient descent on the squared network output at the points.
 
     The output, eq. (7), of the blended signed distances is zero on the surface. Its derivative with
-    respect to the height of a rule is that rule's fuzzy basis function, eq. (9).
+    respect to the height of a rule is that rule's fuzzy basis function, eq. (9); the gradient of
+    the squared output is their product, summed over the points.
 
     Parameters
     ----------
@@ -112,10 +113,7 @@ def adjust(rules: RuleBase, points: NDArray[np.float64], n_threads: int) -> Rule
         The same rules, moved along their normals.
     """
     k = min(NEAREST, len(rules))
-    index, basis, height = _kernels.basis_functions(rules.view(n_threads), points, k, n_threads)
-    error = (basis * height).sum(axis=1)  # Eq. (7)
-    gradient = np.bincount(index.ravel(), (basis * error[:, None]).ravel(), len(rules))
-    share = np.bincount(index.ravel(), basis.ravel(), len(rules))
+    gradient, share = _kernels.consequent_errors(rules.view(n_threads), points, k, n_threads)
     step = RATE * gradient / np.maximum(share, 1e-12)
     coefficients = rules.coefficients.copy()
     coefficients[:, 0] += step / rules.radius

@@ -251,5 +251,7 @@ def infer_normals(
     residual : (n,) float64
         Signed distance to the quadric of the rule with the largest membership.
     """
-    normals, info = _kernels.infer_normals(rules.view(n_threads), x, min(k, len(rules)), n_threads)
+    normals, info = _kernels.infer_normals(
+        rules.view(n_threads), x, None, min(k, len(rules)), n_threads
+    )
     return np.asarray(normals), np.asarray(info[:, 0]), np.asarray(info[:, 1])

@@ -233,9 +233,9 @@ def test_results_do_not_depend_on_the_number_of_threads(n_threads):
             tree, points, points, sizes, robust, 2, normals, normals, threads
         )
         yield _kernels.typical_data(*cells_of(points), 8, 1e-2, threads)
-        yield from _kernels.infer_normals(view(rules), x, 12, threads)
+        yield from _kernels.infer_normals(view(rules), x, None, 12, threads)
         yield from _kernels.reconstruct_units(tree, *units, threads)
-        yield from _kernels.basis_functions(view(rules), x, 12, threads)
+        yield from _kernels.consequent_errors(view(rules), x, 12, threads)
         yield _kernels.evaluate_field(view(rules), *random_terms(1500), x, 16, threads)
         widths = np.full(len(x), 0.1)
         yield from _kernels.WindingTree(points, area).evaluate(mu, area, x, widths, 0.5, threads)

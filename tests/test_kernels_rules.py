@@ -12,34 +12,53 @@ from o3d_sofnn import _kernels, reference
 # --- inference and field
 
 
+def nearby_runs(rules):
+    """Places of which consecutive ones share their nearest rules, as points of a cloud do."""
+    offsets = np.random.default_rng(3).normal(0.0, 0.02, (20, 3))
+    return (rules.centers[::20, None] + offsets).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("sided", [False, True])
+@pytest.mark.parametrize("places", [places_near, nearby_runs])
 @pytest.mark.parametrize("k", [1, 12, 400])
-def test_inferred_normals(k):
+def test_inferred_normals(k, places, sided):
     rules = random_rules()
-    x = places_near(rules)
-    normals, info = _kernels.infer_normals(view(rules), x, k, 2)
-    expected_normals, expected_info = reference.infer_normals(rules, x, k)
+    x = places(rules)
+    sides = np.random.default_rng(4).normal(size=x.shape) if sided else None
+    normals, info = _kernels.infer_normals(view(rules), x, sides, k, 2)
+    expected_normals, expected_info = reference.infer_normals(rules, x, sides, k)
     np.testing.assert_allclose(normals, expected_normals, rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(info, expected_info, rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-12)
 
 
+@pytest.mark.parametrize("places", [places_near, nearby_runs])
 @pytest.mark.parametrize("k", [1, 12, 400])
-def test_fuzzy_basis_functions(k):
+def test_consequent_errors(k, places):
     rules = random_rules()
-    x = places_near(rules)
-    found = _kernels.basis_functions(view(rules), x, k, 2)
-    index, share, height = reference.basis_functions(rules, x, k)
-    np.testing.assert_array_equal(found[0], index)
-    np.testing.assert_allclose(found[1], share, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(found[2], height, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(np.asarray(found[1]).sum(axis=1), 1.0, atol=1e-12)
+    x = places(rules)
+    error, share = _kernels.consequent_errors(view(rules), x, k, 2)
+    expected_error, expected_share = reference.consequent_errors(rules, x, k)
+    np.testing.assert_allclose(share, expected_share, rtol=0.0, atol=1e-8)
+    np.testing.assert_allclose(error, expected_error, rtol=0.0, atol=1e-8)
+    assert np.asarray(share).sum() == pytest.approx(len(x))
+
+
+def test_inferred_normals_do_not_depend_on_the_other_places():
+    rules = random_rules()
+    x = nearby_runs(rules)
+    together = np.asarray(_kernels.infer_normals(view(rules), x, None, 12, 1)[0])
+    order = np.random.default_rng(0).permutation(len(x))
+    shuffled = np.ascontiguousarray(x[order])
+    apart = np.asarray(_kernels.infer_normals(view(rules), shuffled, None, 12, 1)[0])
+    np.testing.assert_allclose(apart, together[order], rtol=0.0, atol=1e-12)
 
 
 def test_rules_that_cancel_leave_the_best_one():
     frames = np.array([np.eye(3), np.diag([1.0, -1.0, -1.0])])
     ones = np.ones(2)
     rules = reference.Rules(np.zeros((2, 3)), frames, np.zeros((2, 6)), ones, ones, ones)
-    normals, info = _kernels.infer_normals(view(rules), np.zeros((1, 3)), 2, 1)
+    normals, info = _kernels.infer_normals(view(rules), np.zeros((1, 3)), None, 2, 1)
     assert abs(normals[0, 2]) == 1.0
     assert np.isfinite(info).all()
 
@@ -47,7 +66,7 @@ def test_rules_that_cancel_leave_the_best_one():
 def test_normals_far_from_every_rule_are_unit():
     rules = random_rules()
     x = np.array([[1e3, 0.0, 0.0], [0.0, 1e6, 0.0]])
-    normals, _ = _kernels.infer_normals(view(rules), x, 12, 1)
+    normals, _ = _kernels.infer_normals(view(rules), x, None, 12, 1)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-12)
 
 

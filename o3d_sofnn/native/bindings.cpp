@@ -5,6 +5,7 @@
 
 #include "local_fit.hpp"
 #include "field.hpp"
+#include "inference.hpp"
 #include "rlps.hpp"
 #include "typical_data.hpp"
 #include "winding.hpp"
@@ -112,19 +113,20 @@ NB_MODULE(_kernels, m) {
            "centers"_a, "frames"_a, "coefficients"_a, "radius"_a, "tolerance"_a, "quality"_a, "n_threads"_a, nb::call_guard<nb::gil_scoped_release>());
 
   m.def("infer_normals",
-        [](const RuleView& rules, Points x, int64_t k, int threads) {
+        [](const RuleView& rules, Points x, std::optional<Points> sides, int64_t k, int threads) {
           const size_t n = x.shape(0);
           std::vector<double> normal(3 * n), info(2 * n);
           {
             nb::gil_scoped_release release;
             parallel_for(n, 256, threads, [&](int64_t lo, int64_t hi) {
               InferenceScratch s;
-              for (int64_t i = lo; i < hi; ++i) infer_normal(rules, load(x.data() + 3 * i), k, s, &normal[3 * i], &info[2 * i]);
+              infer_runs(rules, x.data() + 3 * lo, sides ? sides->data() + 3 * lo : nullptr, hi - lo, k, s,
+                         [&](int64_t first) { run_normals(s, &normal[3 * (lo + first)], &info[2 * (lo + first)]); });
             });
           }
           return nb::make_tuple(array(std::move(normal), {n, 3}), array(std::move(info), {n, 2}));
         },
-        "rules"_a, "x"_a, "k"_a, "n_threads"_a);
+        "rules"_a, "x"_a, "sides"_a.none(), "k"_a, "n_threads"_a);
 
   m.def("reconstruct_units",
         [](const KdTree& t, Points p, Points normals, const RuleView& rules, Ints neighbors, Doubles tolerance, int threads) {
@@ -170,7 +172,7 @@ NB_MODULE(_kernels, m) {
             nb::gil_scoped_release release;
             const TermView local{rbf.data(), terms.data(), (int64_t)rbf.shape(1)};
             parallel_for(n, 256, threads, [&](int64_t lo, int64_t hi) {
-              InferenceScratch s;
+              FieldScratch s;
               for (int64_t i = lo; i < hi; ++i) value[i] = evaluate_field(rules, local, load(x.data() + 3 * i), k, s);
             });
           }
@@ -178,25 +180,21 @@ NB_MODULE(_kernels, m) {
         },
         "rules"_a, "rbf"_a, "terms"_a, "x"_a, "k"_a, "n_threads"_a);
 
-  m.def("basis_functions",
+  m.def("consequent_errors",
         [](const RuleView& rules, Points x, int64_t k, int threads) {
-          const size_t n = x.shape(0);
-          std::vector<double> share(n * k, 0.0), height(n * k, 0.0);
-          std::vector<int64_t> index(n * k, 0);
+          const size_t n = x.shape(0), count = rules.rules.size();
+          std::vector<double> error(count, 0.0), share(count, 0.0);
           {
             nb::gil_scoped_release release;
-            parallel_for(n, 256, threads, [&](int64_t lo, int64_t hi) {
+            std::vector<std::vector<RuleError>> parts((n + kErrorChunk - 1) / kErrorChunk);
+            parallel_for(n, kErrorChunk, threads, [&](int64_t lo, int64_t hi) {
               InferenceScratch s;
-              for (int64_t i = lo; i < hi; ++i) {
-                const int64_t best = memberships(rules, load(x.data() + 3 * i), k, s);
-                double total = 0;
-                for (int64_t j = 0; j < s.neighbors.size(); ++j) total += share[i * k + j] = std::exp(s.log_weight[j] - s.log_weight[best]);
-                for (int64_t j = 0; j < s.neighbors.size(); ++j)
-                  share[i * k + j] /= total, height[i * k + j] = s.height[j], index[i * k + j] = s.neighbors[j].index;
-              }
+              infer_runs(rules, x.data() + 3 * lo, nullptr, hi - lo, k, s, [&](int64_t) { run_errors(s, parts[lo / kErrorChunk]); });
             });
+            for (const auto& part : parts)  // in the order of the places: the same sum for any number of threads
+              for (const RuleError& e : part) error[e.index] += e.error, share[e.index] += e.share;
           }
-          return nb::make_tuple(array(std::move(index), {n, (size_t)k}), array(std::move(share), {n, (size_t)k}), array(std::move(height), {n, (size_t)k}));
+          return nb::make_tuple(array(std::move(error), {count}), array(std::move(share), {count}));
         },
         "rules"_a, "x"_a, "k"_a, "n_threads"_a);
 

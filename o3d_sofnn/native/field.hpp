@@ -1,9 +1,17 @@
 // SPDX-License-Identifier: MIT
 // Signed distance at a place: local implicits of the nearest rules blended by fuzzy basis functions, eq. (9).
 #pragma once
-#include "inference.hpp"
+#include "rules.hpp"
 
 namespace sofnn {
+
+struct FieldScratch {
+  Search neighbors;
+  std::vector<double> log_weight, height, reach;
+  std::vector<int> face;
+  std::vector<Vec3> foot;
+  std::vector<Vec3> normal;
+};
 
 // Rules whose normals differ by more than this cosine from the leading one belong to another sheet or face. The more
 // noise there is in the leading rule, the more its neighbours may differ for no reason but noise.
@@ -15,7 +23,7 @@ constexpr double kFaint = -3;
 
 // Two faces meet in a convex edge when each lies behind the other: their solids intersect; else they unite.
 // All pairs of rules vote by their memberships.
-inline bool meet_convex(const InferenceScratch& s, int a, int b, double best) {
+inline bool meet_convex(const FieldScratch& s, int a, int b, double best) {
   double vote = 0;
   for (size_t i = 0; i < s.face.size(); ++i)
     for (size_t j = 0; s.face[i] == a && j < s.face.size(); ++j)
@@ -28,7 +36,7 @@ inline bool meet_convex(const InferenceScratch& s, int a, int b, double best) {
 
 // Signed distance at x. The rules near x are gathered into at most three faces by their normals; each face blends
 // its local implicits by fuzzy basis functions, eq. (9), and faces combine as solids (Ohtake et al. 2003, sharp features).
-inline double evaluate_field(const RuleView& view, const TermView& terms, Vec3 x, int64_t k, InferenceScratch& s) {
+inline double evaluate_field(const RuleView& view, const TermView& terms, Vec3 x, int64_t k, FieldScratch& s) {
   view.tree.nearest_sorted(x, k, 1e300, s.neighbors);
   const int64_t n = s.neighbors.size();
   s.log_weight.resize(n), s.normal.resize(n), s.height.resize(n), s.face.assign(n, -1), s.reach.resize(n), s.foot.resize(n);

@@ -1,104 +1,237 @@
 // SPDX-License-Identifier: MIT
-// Normal at a point by product inference over the nearest rules, eq. (7) and (9).
+// Normals by product inference over the nearest rules, eq. (7) and (9), for runs of places that lie close together: one
+// search finds the rules for all of them, and each rule is evaluated at all of them at once, a place a lane.
 #pragma once
-#include "rlps.hpp"
+#include <array>
+
+#include "rules.hpp"
 
 namespace sofnn {
 
-struct Rule {
-  Vec3 center;
-  Frame frame;
-  double coefficients[6], radius, tolerance, quality;
+constexpr int kLanes = 16;
+using Lanes = std::array<double, kLanes>;
+
+// Concentration of the membership in the angle between a side and the normal of a rule.
+constexpr double kConcentration = 1;
+
+// A run of places with their sides (zero where unknown), and the squared distance of the k-th nearest rule of each.
+struct Run {
+  Lanes x, y, z, side_x, side_y, side_z, sq_limit;
+  int64_t size = 0;
 };
 
-// The rules of a rule base, one record each, and a tree over their centres.
-struct RuleView {
-  KdTree tree;
-  std::vector<Rule> rules;
-
-  RuleView(const double* centers, const double* frames, const double* coefficients, const double* radius,
-           const double* tolerance, const double* quality, int64_t n, int threads)
-      : tree(centers, n, threads), rules(n) {
-    for (int64_t i = 0; i < n; ++i) {
-      const double *f = frames + 9 * i, *q = coefficients + 6 * i;
-      Rule& r = rules[i];
-      r.center = load(centers + 3 * i);
-      r.frame = {load(f), load(f + 3), load(f + 6)};
-      std::copy(q, q + 6, r.coefficients);
-      r.radius = radius[i], r.tolerance = tolerance[i], r.quality = quality[i];
-    }
-  }
+// What one rule says at the places of a run. The weight is a logarithm at first, kOut where the rule takes no part.
+struct RunRule {
+  int64_t index;
+  Lanes weight, height, nx, ny, nz;
 };
-
-// Terms of the local surfaces of some rules, (rules, stride, 4): centre and weight, and how many of them there are.
-struct TermView {
-  const double* rbf = nullptr;
-  const int64_t* count = nullptr;
-  int64_t stride = 0;
-
-  double sum(int64_t rule, double u, double v, double h) const {
-    return rbf ? rbf_terms(rbf + 4 * stride * rule, count[rule], u, v, h) : 0.0;
-  }
-};
+constexpr double kOut = -1e300;
 
 struct InferenceScratch {
-  Search neighbors;
-  std::vector<double> log_weight, height, reach;
-  std::vector<int> face;
-  std::vector<Vec3> foot;
-  std::vector<Vec3> normal;
+  Run run;
+  Candidates near;
+  std::vector<Lanes> sq, nearest;
+  std::vector<RunRule> rules;
+  int64_t used = 0;
+  Lanes best, weight_sum;
 };
 
-// What one rule says at x: squared tangential distance over its radius, signed distance, normal of its quadric.
-struct LocalImplicit {
-  double sq, height;
-  Vec3 normal;
+// 1 / sqrt(t) for t >= 1 to all but the last bits: single precision and one Newton step.
+SOFNN_INLINE double inverse_sqrt(double t) {
+  const double y = 1.0f / std::sqrt(static_cast<float>(t));
+  return y * (1.5 - 0.5 * t * y * y);
+}
+
+SOFNN_EXACT SOFNN_CLONES inline void run_distances(const Run& run, const Candidates& near, Lanes* SOFNN_RESTRICT sq) {
+  SOFNN_EXACT_BODY
+  for (int64_t i = 0; i < near.size; ++i) {
+    const double cx = near.x[i], cy = near.y[i], cz = near.z[i];
+    SOFNN_LANES
+    for (int l = 0; l < kLanes; ++l) {
+      const double dx = cx - run.x[l], dy = cy - run.y[l], dz = cz - run.z[l];
+      sq[i][l] = dx * dx + dy * dy + dz * dz;
+    }
+  }
+}
+
+// The k-th smallest of m values in every lane, by insertion into a sorted list of k.
+SOFNN_CLONES inline void find_limits(const Lanes* SOFNN_RESTRICT sq, int64_t m, int64_t k,
+                                     Lanes* SOFNN_RESTRICT nearest, Lanes* SOFNN_RESTRICT limit) {
+  for (int64_t j = 0; j < k; ++j) nearest[j].fill(1e300);
+  for (int64_t i = 0; i < m; ++i) {
+    double value[kLanes];
+    SOFNN_LANES
+    for (int l = 0; l < kLanes; ++l) value[l] = sq[i][l];
+    for (int64_t j = 0; j < k; ++j) {
+      double* SOFNN_RESTRICT list = nearest[j].data();
+      SOFNN_LANES
+      for (int l = 0; l < kLanes; ++l) {
+        const double a = list[l], b = value[l], low = a < b ? a : b, high = a > b ? a : b;
+        list[l] = low, value[l] = high;
+      }
+    }
+  }
+  *limit = nearest[k - 1];
+}
+
+// Memberships of the places of a run in one rule: a Gaussian in the tangent plane (half the radius wide), a Gaussian in
+// the residual to its quadric, a bell in the angle to the side (von Mises and Fisher), and its quality.
+SOFNN_CLONES inline void evaluate_rule(const Run& run, const Rule& rule, const double* SOFNN_RESTRICT sq,
+                                       RunRule* SOFNN_RESTRICT out, double* SOFNN_RESTRICT best) {
+  const double inv = 1 / rule.radius, radius = rule.radius, inv_tolerance = 1 / rule.tolerance;
+  const Vec3 c = rule.center, a = inv * rule.frame.t1, b = inv * rule.frame.t2, n = inv * rule.frame.n;
+  const Vec3 t1 = rule.frame.t1, t2 = rule.frame.t2, t3 = rule.frame.n;
+  const double q0 = rule.coefficients[0], q1 = rule.coefficients[1], q2 = rule.coefficients[2],
+               q3 = rule.coefficients[3], q4 = rule.coefficients[4], q5 = rule.coefficients[5];
+  const double quality = rule.log_quality;
+  const double *SOFNN_RESTRICT x = run.x.data(), *SOFNN_RESTRICT y = run.y.data(), *SOFNN_RESTRICT z = run.z.data();
+  const double *SOFNN_RESTRICT sx = run.side_x.data(), *SOFNN_RESTRICT sy = run.side_y.data(),
+               *SOFNN_RESTRICT sz = run.side_z.data(), *SOFNN_RESTRICT limit = run.sq_limit.data();
+  SOFNN_LANES
+  for (int l = 0; l < kLanes; ++l) {
+    const double dx = x[l] - c.x, dy = y[l] - c.y, dz = z[l] - c.z;
+    double u = a.x * dx + a.y * dy + a.z * dz, v = b.x * dx + b.y * dy + b.z * dz;
+    const double h = n.x * dx + n.y * dy + n.z * dz;
+    const double square = u * u + v * v;
+    const double shrink = inverse_sqrt(square > 1 ? square : 1);  // no extrapolation beyond the data of the quadric
+    u *= shrink, v *= shrink;
+    const double qu = q1 + 2 * q3 * u + q4 * v, qv = q2 + q4 * u + 2 * q5 * v;
+    const double tilt = inverse_sqrt(1 + qu * qu + qv * qv);
+    const double height = (h - (q0 + u * (q1 + q3 * u + q4 * v) + v * (q2 + q5 * v))) * tilt * radius;
+    const double nx = tilt * (t3.x - qu * t1.x - qv * t2.x), ny = tilt * (t3.y - qu * t1.y - qv * t2.y),
+                 nz = tilt * (t3.z - qu * t1.z - qv * t2.z);
+    const double miss = height * inv_tolerance;
+    const double lean = nx * sx[l] + ny * sy[l] + nz * sz[l];
+    const double weight = quality - 2 * square - 0.5 * miss * miss + kConcentration * lean;
+    const double taken = sq[l] <= limit[l] ? weight : kOut;
+    out->weight[l] = taken, out->height[l] = height;
+    out->nx[l] = nx, out->ny[l] = ny, out->nz[l] = nz;
+    best[l] = taken > best[l] ? taken : best[l];
+  }
+}
+
+// Logarithms become weights over the largest one, eq. (9), safe far from every rule.
+SOFNN_CLONES inline void weigh_rules(RunRule* rules, int64_t m, const double* SOFNN_RESTRICT best,
+                                     double* SOFNN_RESTRICT sum) {
+  for (int64_t i = 0; i < m; ++i) {
+    double* SOFNN_RESTRICT w = rules[i].weight.data();
+    SOFNN_LANES
+    for (int l = 0; l < kLanes; ++l) {
+      const double power = w[l] - best[l];
+      w[l] = exp_negative(power);
+      sum[l] += w[l];
+    }
+  }
+}
+
+SOFNN_CLONES inline bool any_within(const double* SOFNN_RESTRICT sq, const double* SOFNN_RESTRICT limit) {
+  double hits = 0;
+  SOFNN_LANES
+  for (int l = 0; l < kLanes; ++l) hits += sq[l] <= limit[l] ? 1.0 : 0.0;
+  return hits > 0;
+}
+
+// Rules of a run and their weights: s.rules up to s.used, memberships over the largest of them, and the sums of these.
+inline void infer_run(const RuleView& view, int64_t k, InferenceScratch& s) {
+  const Candidates& near = s.near;
+  const int64_t m = near.size;
+  k = std::min(k, m);
+  if (static_cast<int64_t>(s.sq.size()) < m) s.sq.resize(m);
+  if (static_cast<int64_t>(s.nearest.size()) < k) s.nearest.resize(k);
+  run_distances(s.run, near, s.sq.data());
+  find_limits(s.sq.data(), m, k, s.nearest.data(), &s.run.sq_limit);
+  if (static_cast<int64_t>(s.rules.size()) < m) s.rules.resize(m);
+  s.best.fill(2 * kOut), s.weight_sum.fill(0);
+  s.used = 0;
+  for (int64_t i = 0; i < m; ++i) {
+    if (!any_within(s.sq[i].data(), s.run.sq_limit.data())) continue;
+    RunRule& rule = s.rules[s.used++];
+    rule.index = near.index[i];
+    evaluate_rule(s.run, view.rules[rule.index], s.sq[i].data(), &rule, s.best.data());
+  }
+  weigh_rules(s.rules.data(), s.used, s.best.data(), s.weight_sum.data());
+}
+
+// visit(first) for consecutive runs of n places, with what their rules say in s.
+template <class Visit>
+void infer_runs(const RuleView& view, const double* x, const double* sides, int64_t n, int64_t k, InferenceScratch& s,
+                const Visit& visit) {
+  for (int64_t lo = 0, size = kLanes; lo < n; lo += size) {
+    size = std::min<int64_t>({kLanes, 2 * size, n - lo});
+    while (!view.tree.gather(x + 3 * lo, size, k, s.near)) size = (size + 1) / 2;
+    s.run.size = size;
+    SOFNN_LANES
+    for (int64_t l = 0; l < kLanes; ++l) {
+      const int64_t i = lo + std::min(l, size - 1);
+      const Vec3 p = load(x + 3 * i), side = sides ? load(sides + 3 * i) : Vec3{0, 0, 0};
+      s.run.x[l] = p.x, s.run.y[l] = p.y, s.run.z[l] = p.z;
+      s.run.side_x[l] = side.x, s.run.side_y[l] = side.y, s.run.side_z[l] = side.z;
+    }
+    infer_run(view, k, s);
+    visit(lo);
+  }
+}
+
+// Sum of the normals of the rules by weight, and what the rule with the largest weight says.
+SOFNN_CLONES inline void sum_normals(const RunRule* rules, int64_t m, RunRule* SOFNN_RESTRICT sum,
+                                     RunRule* SOFNN_RESTRICT first) {
+  for (int64_t i = 0; i < m; ++i) {
+    const double* SOFNN_RESTRICT w = rules[i].weight.data();
+    SOFNN_LANES
+    for (int l = 0; l < kLanes; ++l) {
+      const double nx = rules[i].nx[l], ny = rules[i].ny[l], nz = rules[i].nz[l], height = rules[i].height[l];
+      sum->nx[l] += w[l] * nx, sum->ny[l] += w[l] * ny, sum->nz[l] += w[l] * nz;
+      const bool larger = w[l] > first->weight[l];
+      first->weight[l] = larger ? w[l] : first->weight[l], first->height[l] = larger ? height : first->height[l];
+      first->nx[l] = larger ? nx : first->nx[l], first->ny[l] = larger ? ny : first->ny[l];
+      first->nz[l] = larger ? nz : first->nz[l];
+    }
+  }
+}
+
+// Normals of the places of a run, eq. (7). info: agreement of the contributing rules, residual of the best rule.
+inline void run_normals(const InferenceScratch& s, double* out, double* info) {
+  RunRule sum{}, first{};
+  sum_normals(s.rules.data(), s.used, &sum, &first);
+  for (int64_t l = 0; l < s.run.size; ++l) {
+    Vec3 normal{sum.nx[l], sum.ny[l], sum.nz[l]};
+    const double total = s.weight_sum[l];
+    if (norm(normal) < 1e-6 * total) normal = total * Vec3{first.nx[l], first.ny[l], first.nz[l]};  // the rules cancel
+    store(out + 3 * l, unit(normal));
+    info[2 * l] = std::min(norm(normal) / std::max(total, 1e-300), 1.0), info[2 * l + 1] = first.height[l];
+  }
+}
+
+// Contribution of one run to the derivative of the squared output, eq. (7), with respect to the height of a rule: output
+// times fuzzy basis function, eq. (9), and the basis function alone, summed over the places.
+struct RuleError {
+  int64_t index;
+  double error, share;
 };
+constexpr int64_t kErrorChunk = 1024;
 
-inline LocalImplicit local_implicit(const RuleView& view, int64_t j, Vec3 x, const TermView& terms) {
-  const Rule& rule = view.rules[j];
-  const double* q = rule.coefficients;
-  const Frame& f = rule.frame;
-  const Vec3 d = (1 / rule.radius) * (x - rule.center);
-  double u = dot(d, f.t1), v = dot(d, f.t2), h = dot(d, f.n);
-  const double sq = u * u + v * v, shrink = sq > 1 ? 1 / std::sqrt(sq) : 1;
-  u *= shrink, v *= shrink;  // no extrapolation of the quadric beyond its own data
-  const double qu = q[1] + 2 * q[3] * u + q[4] * v, qv = q[2] + q[4] * u + 2 * q[5] * v;
-  const double inv = 1 / std::sqrt(1 + qu * qu + qv * qv);
-  const double height = quadric_height(q, u, v) + terms.sum(j, u, v, h);
-  return {sq, (h - height) * inv * rule.radius, inv * (f.n - qu * f.t1 - qv * f.t2)};
+SOFNN_CLONES inline void sum_errors(RunRule* rules, int64_t m, const double* SOFNN_RESTRICT weight_sum, int64_t size,
+                                    RuleError* SOFNN_RESTRICT out) {
+  double output[kLanes] = {}, used[kLanes];  // lanes beyond the run do not count
+  for (int l = 0; l < kLanes; ++l) used[l] = l < size ? 1 / weight_sum[l] : 0;
+  for (int64_t i = 0; i < m; ++i) {
+    double *SOFNN_RESTRICT basis = rules[i].weight.data(), *SOFNN_RESTRICT height = rules[i].height.data();
+    SOFNN_LANES
+    for (int l = 0; l < kLanes; ++l) basis[l] *= used[l], output[l] += basis[l] * height[l];
+  }
+  for (int64_t i = 0; i < m; ++i) {
+    const double* SOFNN_RESTRICT basis = rules[i].weight.data();
+    double error = 0, share = 0;
+    SOFNN_LANES
+    for (int l = 0; l < kLanes; ++l) error += basis[l] * output[l], share += basis[l];
+    out[i] = {rules[i].index, error, share};
+  }
 }
 
-// Memberships of x in its nearest rules: a Gaussian in the tangent plane (half the radius wide), a Gaussian in the
-// residual to the rule's quadric, and the rule's quality. Returns the place of the largest one.
-inline int64_t memberships(const RuleView& view, Vec3 x, int64_t k, InferenceScratch& s) {
-  view.tree.nearest_sorted(x, k, 1e300, s.neighbors);
-  const int64_t n = s.neighbors.size();
-  s.log_weight.resize(n), s.normal.resize(n), s.height.resize(n);
-  int64_t best = 0;
-  for (int64_t i = 0; i < n; ++i) {
-    const int64_t j = s.neighbors[i].index;
-    const LocalImplicit f = local_implicit(view, j, x, {});
-    const double z = f.height / view.rules[j].tolerance;
-    s.normal[i] = f.normal, s.height[i] = f.height;
-    s.log_weight[i] = -2 * f.sq - 0.5 * z * z + std::log(std::max(view.rules[j].quality, 1e-12));
-    if (s.log_weight[i] > s.log_weight[best]) best = i;
-  }
-  return best;
-}
-
-// info: agreement of the contributing rules, residual of the best rule.
-inline void infer_normal(const RuleView& view, Vec3 x, int64_t k, InferenceScratch& s, double* out, double* info) {
-  const int64_t best = memberships(view, x, k, s);
-  Vec3 sum{0, 0, 0};
-  double total = 0;
-  for (int64_t i = 0; i < s.neighbors.size(); ++i) {
-    const double w = std::exp(s.log_weight[i] - s.log_weight[best]);  // Eq. (9), safe far from every rule
-    sum = sum + w * s.normal[i], total += w;
-  }
-  if (norm(sum) < 1e-6 * total) sum = total * s.normal[best];  // the rules cancel
-  store(out, unit(sum));  // Eq. (7)
-  info[0] = std::min(norm(sum) / std::max(total, 1e-300), 1.0), info[1] = s.height[best];
+inline void run_errors(InferenceScratch& s, std::vector<RuleError>& out) {
+  const size_t before = out.size();
+  out.resize(before + s.used);
+  sum_errors(s.rules.data(), s.used, s.weight_sum.data(), s.run.size, out.data() + before);
 }
 
 }  // namespace sofnn

@@ -67,6 +67,14 @@ class Search {
   Vec3 place_{0, 0, 0};
 };
 
+// Points of which each of several places has its nearest ones, a column each.
+struct Candidates {
+  int64_t size = 0;
+  std::vector<double> x, y, z;
+  std::vector<int64_t> index;
+  Search middle;
+};
+
 class KdTree {
  public:
   KdTree(const double* points, int64_t n, int threads) : n_(n), index_(n) {
@@ -93,6 +101,23 @@ class KdTree {
   void nearest_sorted(Vec3 x, int64_t k, double max_sq, Search& s) const {
     search(*this, x, k, max_sq, s);
     if (k > kFew) std::sort(s.found_.data(), s.found_.data() + s.size_);
+  }
+
+  // The k nearest points of each of n places, and a few more, by one search around their middle; false when the places
+  // lie too far apart for that to pay.
+  bool gather(const double* x, int64_t n, int64_t k, Candidates& out) const {
+    Vec3 middle{0, 0, 0};
+    double radius = 0;
+    for (int64_t i = 0; i < n; ++i) middle = middle + (1.0 / static_cast<double>(n)) * load(x + 3 * i);
+    for (int64_t i = 0; i < n; ++i) radius = std::max(radius, norm(load(x + 3 * i) - middle));
+    search(*this, middle, k, std::numeric_limits<double>::infinity(), out.middle);
+    const double nearest = std::sqrt(out.middle.sq_radius());
+    if (n > 1 && radius > nearest) return false;
+    // Each place has k neighbours within nearest + radius of itself, so within nearest + 2 radius of the middle.
+    const double reach = (nearest + 2 * radius) * (1 + 1e-9);
+    out.size = 0;
+    within(middle, reach * reach, out);
+    return true;
   }
 
  private:
@@ -158,6 +183,38 @@ class KdTree {
     return sum;
   }
 
+  static SOFNN_INLINE void insert_sorted(Neighbor* found, Neighbor candidate, int64_t k, int64_t& size) {
+    int64_t j = size < k ? size++ : k - 1;
+    for (; j > 0 && candidate < found[j - 1]; --j) found[j] = found[j - 1];
+    found[j] = candidate;
+  }
+
+  void within(Vec3 x, double sq_reach, Candidates& out) const {
+    const int64_t first_leaf = (int64_t{1} << depth_) - 1;
+    int64_t stack[64], top = 0;
+    stack[top++] = 0;
+    while (top > 0) {
+      const int64_t node = stack[--top];
+      if (sq_to_box(box_[node], x) > sq_reach) continue;
+      if (node < first_leaf) {
+        stack[top++] = 2 * node + 2, stack[top++] = 2 * node + 1;
+        continue;
+      }
+      const int64_t lo = bound(node - first_leaf, depth_), n = bound(node - first_leaf + 1, depth_) - lo;
+      double sq[2 * kLeaf];
+      squared_distances(&x_[lo], &y_[lo], &z_[lo], n, x.x, x.y, x.z, sq);
+      if (static_cast<int64_t>(out.index.size()) < out.size + n) {
+        for (auto* column : {&out.x, &out.y, &out.z}) column->resize(2 * (out.size + n));
+        out.index.resize(2 * (out.size + n));
+      }
+      for (int64_t i = 0; i < n; ++i) {
+        out.x[out.size] = x_[lo + i], out.y[out.size] = y_[lo + i], out.z[out.size] = z_[lo + i];
+        out.index[out.size] = index_[lo + i];
+        out.size += sq[i] <= sq_reach;
+      }
+    }
+  }
+
   SOFNN_CLONES static void search(const KdTree& t, Vec3 x, int64_t k, double max_sq, Search& s) {
     constexpr double kSlack = 1 + 1e-12;  // rounding must not hide an equally near point with a lower index
     struct Entry {
@@ -194,9 +251,7 @@ class KdTree {
           if (sq[i] > worst) continue;
           const Neighbor candidate{sq[i], t.index_[lo + i]};
           if (m == k && !(candidate < found[k - 1])) continue;
-          int64_t j = m < k ? m++ : k - 1;
-          for (; j > 0 && candidate < found[j - 1]; --j) found[j] = found[j - 1];
-          found[j] = candidate;
+          insert_sorted(found, candidate, k, m);
           if (m == k) worst = std::min(worst, found[k - 1].sq_dist);
         }
       } else {

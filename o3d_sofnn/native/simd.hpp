@@ -6,10 +6,17 @@
 
 // One copy of a function for each generation of vector units, chosen when the module is loaded. Elsewhere
 // (other compilers, processors, C libraries) the one copy uses what the platform guarantees.
-#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__)
-#define SOFNN_CLONES __attribute__((target_clones("avx512f", "avx2,fma", "default")))
+#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && __GNUC__ >= 12 && !defined(__clang__)
+#define SOFNN_CLONES __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
 #else
 #define SOFNN_CLONES
+#endif
+
+// Before a loop over the lanes of a run: kept as a loop, it becomes vector instructions; unrolled, it does not.
+#if defined(__GNUC__) && !defined(__clang__)
+#define SOFNN_LANES _Pragma("GCC unroll 1")
+#else
+#define SOFNN_LANES
 #endif
 
 #if defined(_MSC_VER)

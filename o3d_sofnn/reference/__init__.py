@@ -6,7 +6,7 @@ arrays of the same shapes. Nothing in the package calls them.
 """
 
 from .field import evaluate_field
-from .inference import basis_functions, infer_normals
+from .inference import consequent_errors, infer_normals
 from .local_fit import fit_rules, fit_scales
 from .neighbors import query
 from .rlps import reconstruct_units
@@ -16,7 +16,7 @@ from .winding import evaluate_winding
 
 __all__ = [
     "Rules",
-    "basis_functions",
+    "consequent_errors",
     "evaluate_field",
     "evaluate_winding",
     "fit_rules",

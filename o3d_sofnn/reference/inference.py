@@ -7,11 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .neighbors import query
 from .rlps import basis, quadric_height
 from .rules import Rules
 
 Array = NDArray[np.float64]
+
+CONCENTRATION = 1.0
+"""Of the membership in the angle between a side and the normal of a rule."""
 
 
 class Contribution(NamedTuple):
@@ -65,11 +67,12 @@ def contributions(place: Array, rules: Rules, terms: list[Array] | None = None) 
     )
 
 
-def infer_normals(rules: Rules, x: Array, k: int) -> tuple[Array, Array]:
+def infer_normals(rules: Rules, x: Array, sides: Array | None, k: int) -> tuple[Array, Array]:
     """Infer a normal at every place, eq. (7) with the fuzzy basis functions of eq. (9).
 
     The membership in a rule is a Gaussian in the tangent plane, half the radius wide, times a
-    Gaussian in the residual to the quadric, times the quality.
+    Gaussian in the residual to the quadric, times a bell in the angle to the side (von Mises and
+    Fisher), times the quality.
 
     Parameters
     ----------
@@ -77,8 +80,10 @@ def infer_normals(rules: Rules, x: Array, k: int) -> tuple[Array, Array]:
         Rules.
     x : (m, 3) float64
         Places.
+    sides : (m, 3) float64 or None
+        Where their normals face, unit or zero; None for unknown.
     k : int
-        Nearest rules that take part.
+        Nearest rules that take part; so do those as near as the last of them.
 
     Returns
     -------
@@ -88,11 +93,11 @@ def infer_normals(rules: Rules, x: Array, k: int) -> tuple[Array, Array]:
         Agreement of the rules that took part (0 to 1), residual to the best one.
     """
     normals, info = np.zeros((len(x), 3)), np.zeros((len(x), 2))
-    for row, index in enumerate(query(rules.centers, x, min(k, len(rules.centers)), np.inf)[1]):
-        rule = contributions(x[row], rules.rows(index))
-        membership = _log_memberships(rule, rules.rows(index))
-        best = int(membership.argmax())
-        mean = _shares(membership) @ rule.normal  # Eq. (7)
+    for row, place in enumerate(x):
+        side = np.zeros(3) if sides is None else sides[row]
+        _, share, rule = _blend(rules, place, side, k)
+        best = int(share.argmax())
+        mean = share @ rule.normal  # Eq. (7)
         agreement = float(np.linalg.norm(mean))
         if agreement < 1e-6:  # the rules cancel: the best one decides
             mean, agreement = rule.normal[best], 1.0
@@ -101,8 +106,10 @@ def infer_normals(rules: Rules, x: Array, k: int) -> tuple[Array, Array]:
     return normals, info
 
 
-def basis_functions(rules: Rules, x: Array, k: int) -> tuple[NDArray[np.int64], Array, Array]:
-    """Evaluate the fuzzy basis functions of eq. (9) at every place.
+def consequent_errors(rules: Rules, x: Array, k: int) -> tuple[Array, Array]:
+    """Sum output times fuzzy basis function over some places, for every rule.
+
+    The derivative of half the squared output, eq. (7), with respect to the height of a rule.
 
     Parameters
     ----------
@@ -111,31 +118,28 @@ def basis_functions(rules: Rules, x: Array, k: int) -> tuple[NDArray[np.int64], 
 
     Returns
     -------
-    index : (m, k) int64
-        Nearest rules; 0 where there are fewer than `k`.
-    share : (m, k) float64
-        Value of their basis functions, a sum of one a row; 0 where there are fewer than `k`.
-    height : (m, k) float64
-        Signed distance to their quadrics, in the unit of the points.
+    error : (r,) float64
+        Sum of output, in the unit of the points, times basis function.
+    share : (r,) float64
+        Sum of the basis function, eq. (9).
     """
-    nearest = query(rules.centers, x, min(k, len(rules.centers)), np.inf)[1]
-    index = np.zeros((len(x), k), np.int64)
-    share, height = np.zeros((len(x), k)), np.zeros((len(x), k))
-    for row, near in enumerate(nearest):
-        rule = contributions(x[row], rules.rows(near))
-        index[row, : len(near)] = near
-        share[row, : len(near)] = _shares(_log_memberships(rule, rules.rows(near)))
-        height[row, : len(near)] = rule.residual
-    return index, share, height
+    error, total = np.zeros(len(rules.centers)), np.zeros(len(rules.centers))
+    for place in x:
+        near, share, rule = _blend(rules, place, np.zeros(3), k)
+        error[near] += share * (share @ rule.residual)  # Eq. (7)
+        total[near] += share
+    return error, total
 
 
-def _log_memberships(rule: Contribution, rules: Rules) -> Array:
-    z = rule.residual / rules.tolerance
-    quality = np.log(np.maximum(rules.quality, 1e-12))
-    return np.asarray(-2.0 * rule.reach - 0.5 * z**2 + quality)
-
-
-def _shares(log_membership: Array) -> Array:
-    """Fuzzy basis functions, eq. (9), from logarithms: safe far from every rule."""
-    membership = np.exp(log_membership - log_membership.max())
-    return np.asarray(membership / membership.sum())
+def _blend(
+    rules: Rules, place: Array, side: Array, k: int
+) -> tuple[NDArray[np.int64], Array, Contribution]:
+    """Return the nearest rules, their fuzzy basis functions, eq. (9), and what they say."""
+    sq_dist = ((rules.centers - place) ** 2).sum(axis=1)
+    near = np.flatnonzero(sq_dist <= np.sort(sq_dist)[min(k, len(sq_dist)) - 1])
+    rule = contributions(place, rules.rows(near))
+    z = rule.residual / rules.tolerance[near]
+    membership = np.log(np.maximum(rules.quality[near], 1e-12)) - 2.0 * rule.reach - 0.5 * z**2
+    membership = membership + CONCENTRATION * (rule.normal @ side)
+    share = np.exp(membership - membership.max())  # safe far from every rule
+    return near, np.asarray(share / share.sum()), rule

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: MIT
+// The rules of a rule base and what one of them says at a place.
+#pragma once
+#include "rlps.hpp"
+
+namespace sofnn {
+
+struct Rule {
+  Vec3 center;
+  Frame frame;
+  double coefficients[6], radius, tolerance, quality, log_quality;
+};
+
+// The rules of a rule base, one record each, and a tree over their centres.
+struct RuleView {
+  KdTree tree;
+  std::vector<Rule> rules;
+
+  RuleView(const double* centers, const double* frames, const double* coefficients, const double* radius,
+           const double* tolerance, const double* quality, int64_t n, int threads)
+      : tree(centers, n, threads), rules(n) {
+    for (int64_t i = 0; i < n; ++i) {
+      const double *f = frames + 9 * i, *q = coefficients + 6 * i;
+      Rule& r = rules[i];
+      r.center = load(centers + 3 * i);
+      r.frame = {load(f), load(f + 3), load(f + 6)};
+      std::copy(q, q + 6, r.coefficients);
+      r.radius = radius[i], r.tolerance = tolerance[i], r.quality = quality[i];
+      r.log_quality = std::log(std::max(quality[i], 1e-12));
+    }
+  }
+};
+
+// Terms of the local surfaces of some rules, (rules, stride, 4): centre and weight, and how many of them there are.
+struct TermView {
+  const double* rbf = nullptr;
+  const int64_t* count = nullptr;
+  int64_t stride = 0;
+
+  double sum(int64_t rule, double u, double v, double h) const {
+    return rbf ? rbf_terms(rbf + 4 * stride * rule, count[rule], u, v, h) : 0.0;
+  }
+};
+
+// What one rule says at x: squared tangential distance over its radius, signed distance, normal of its quadric.
+struct LocalImplicit {
+  double sq, height;
+  Vec3 normal;
+};
+
+inline LocalImplicit local_implicit(const RuleView& view, int64_t j, Vec3 x, const TermView& terms) {
+  const Rule& rule = view.rules[j];
+  const double* q = rule.coefficients;
+  const Frame& f = rule.frame;
+  const Vec3 d = (1 / rule.radius) * (x - rule.center);
+  double u = dot(d, f.t1), v = dot(d, f.t2), h = dot(d, f.n);
+  const double sq = u * u + v * v, shrink = sq > 1 ? 1 / std::sqrt(sq) : 1;
+  u *= shrink, v *= shrink;  // no extrapolation of the quadric beyond its own data
+  const double qu = q[1] + 2 * q[3] * u + q[4] * v, qv = q[2] + q[4] * u + 2 * q[5] * v;
+  const double inv = 1 / std::sqrt(1 + qu * qu + qv * qv);
+  const double height = quadric_height(q, u, v) + terms.sum(j, u, v, h);
+  return {sq, (h - height) * inv * rule.radius, inv * (f.n - qu * f.t1 - qv * f.t2)};
+}
+
+}  // namespace sofnn
