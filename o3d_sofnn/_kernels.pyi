@@ -34,6 +34,9 @@ class KdTree:
         index first. Infinity and ``size`` fill rows with fewer neighbours.
         """
 
+    def crowded(self, x: _Floats, k: int, distance: _Floats, n_threads: int) -> NDArray[np.uint8]:
+        """Whether (1 or 0) each row of `x` has at least `k` points within its `distance` (m,)."""
+
 def fit_scales(
     tree: KdTree, points: _Floats, centers: _Floats, scales: _Ints, n_threads: int
 ) -> tuple[_Floats, _Floats]:

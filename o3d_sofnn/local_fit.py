@@ -179,15 +179,27 @@ def find_outliers(
     k = min(n_neighbors + 1, len(points))
     if k < 5:
         return np.zeros(len(points), bool)
-    distance, index = tree.query(points, k, np.inf, n_threads)
-    reach = distance[:, 1:].mean(axis=1)
     pilot = scale.at(points, n_threads)
     usual = scale.spacing[pilot] + scale.noise[pilot]
-    lonely = np.flatnonzero(reach > ALONE[0] * usual)
+    # All neighbours within the limit: so is their mean. Only the few others are looked at closely.
+    crowded = tree.crowded(points, k, ALONE[0] * usual, n_threads)
+    doubtful = np.flatnonzero(crowded == 0)
+    reach, index = _mean_distance(points[doubtful], tree, k, n_threads)
+    alone = reach > ALONE[0] * usual[doubtful]
+    lonely, reach, index = doubtful[alone], reach[alone], index[alone]
     if not 0 < len(lonely) < 0.5 * len(points):
         return np.zeros(len(points), bool)
     _, info = fit_scales(tree, points, points[lonely], np.array([k + 4], np.int64), n_threads)
-    apart = reach[lonely] > ALONE[1] * np.median(reach[index[lonely, 1:]], axis=1)
+    around, _ = _mean_distance(points[index.ravel()], tree, k, n_threads)
+    apart = reach > ALONE[1] * np.median(around.reshape(index.shape), axis=1)
     outlier = np.zeros(len(points), bool)
     outlier[lonely] = apart | (info[:, 0, 3] > FLAT)
     return outlier
+
+
+def _mean_distance(
+    x: NDArray[np.float64], tree: KdTree, k: int, n_threads: int
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Mean distance of points of the tree to their neighbours, and these without the point."""
+    distance, index = tree.query(x, k, np.inf, n_threads)
+    return np.asarray(distance[:, 1:].mean(axis=1)), np.asarray(index[:, 1:])

@@ -90,6 +90,15 @@ def test_ties_on_a_flat_lattice_that_is_no_power_of_two(step):
         assert_same_neighbors(points, np.concatenate([points, points + 0.5 * step]), k)
 
 
+@pytest.mark.parametrize("k", [1, 9, 40])
+def test_crowded_places(k):
+    points = random_points(300)
+    x = np.concatenate([points[:60], 2.0 * random_points(60, seed=1)])
+    distance = np.random.default_rng(2).uniform(0.0, 1.5, len(x))
+    found = _kernels.KdTree(points, 1).crowded(x, k, distance, 2)
+    np.testing.assert_array_equal(found, reference.crowded(points, x, k, distance))
+
+
 # --- local fits
 
 

@@ -51,7 +51,21 @@ NB_MODULE(_kernels, m) {
              }
              return nb::make_tuple(array(std::move(dist), {n, (size_t)k}), array(std::move(index), {n, (size_t)k}));
            },
-           "x"_a, "k"_a, "max_distance"_a, "n_threads"_a);
+           "x"_a, "k"_a, "max_distance"_a, "n_threads"_a)
+      .def("crowded",
+           [](const KdTree& t, Points x, int64_t k, Doubles distance, int threads) {
+             const size_t n = x.shape(0);
+             std::vector<uint8_t> result(n);
+             {
+               nb::gil_scoped_release release;
+               parallel_for(n, 1024, threads, [&](int64_t lo, int64_t hi) {
+                 for (int64_t i = lo; i < hi; ++i)
+                   result[i] = t.crowded(load(x.data() + 3 * i), k, distance.data()[i] * distance.data()[i]);
+               });
+             }
+             return array(std::move(result), {n});
+           },
+           "x"_a, "k"_a, "distance"_a, "n_threads"_a);
 
   m.def("fit_scales",
         [](const KdTree& t, Points p, Points centers, Ints scales, int threads) {

@@ -103,6 +103,28 @@ class KdTree {
     if (k > kFew) std::sort(s.found_.data(), s.found_.data() + s.size_);
   }
 
+  // Whether at least k points lie within a squared distance.
+  bool crowded(Vec3 x, int64_t k, double sq_reach) const {
+    const int64_t first_leaf = (int64_t{1} << depth_) - 1;
+    int64_t stack[64], top = 0, count = 0;
+    if (n_ >= k) stack[top++] = 0;
+    while (top > 0 && count < k) {
+      const int64_t node = stack[--top];
+      if (node < first_leaf) {  // the nearer child on top
+        const double a = sq_to_box(box_[2 * node + 1], x), b = sq_to_box(box_[2 * node + 2], x);
+        const int64_t near = a <= b ? 1 : 2;
+        if (std::max(a, b) <= sq_reach) stack[top++] = 2 * node + 3 - near;
+        if (std::min(a, b) <= sq_reach) stack[top++] = 2 * node + near;
+        continue;
+      }
+      const int64_t lo = bound(node - first_leaf, depth_), n = bound(node - first_leaf + 1, depth_) - lo;
+      double sq[2 * kLeaf];
+      squared_distances(&x_[lo], &y_[lo], &z_[lo], n, x.x, x.y, x.z, sq);
+      for (int64_t i = 0; i < n; ++i) count += sq[i] <= sq_reach;
+    }
+    return count >= k;
+  }
+
   // The k nearest points of each of n places, and a few more, by one search around their middle; false when the places
   // lie too far apart for that to pay.
   bool gather(const double* x, int64_t n, int64_t k, Candidates& out) const {

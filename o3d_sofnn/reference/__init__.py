@@ -8,7 +8,7 @@ arrays of the same shapes. Nothing in the package calls them.
 from .field import evaluate_field
 from .inference import consequent_errors, infer_normals
 from .local_fit import fit_rules, fit_scales
-from .neighbors import query
+from .neighbors import crowded, query
 from .rlps import reconstruct_units
 from .rules import Rules
 from .typical_data import typical_data
@@ -17,6 +17,7 @@ from .winding import evaluate_winding
 __all__ = [
     "Rules",
     "consequent_errors",
+    "crowded",
     "evaluate_field",
     "evaluate_winding",
     "fit_rules",

@@ -1,4 +1,4 @@
-"""Nearest neighbours by looking at every point: twin of ``native/kdtree.hpp``."""
+"""Neighbours by looking at every point: twin of ``native/kdtree.hpp``."""
 
 from __future__ import annotations
 
@@ -42,3 +42,24 @@ def query(
         distance[row, : len(order)] = np.sqrt(sq_dist[order])
         index[row, : len(order)] = order
     return distance, index
+
+
+def crowded(
+    points: NDArray[np.float64], x: NDArray[np.float64], k: int, distance: NDArray[np.float64]
+) -> NDArray[np.uint8]:
+    """Tell whether enough points are near: what is not alone is no outlier (Algorithm 1, step 5).
+
+    Parameters
+    ----------
+    points, x, k
+        As in :func:`query`.
+    distance : (m,) float64
+        How far counts as near, in the unit of the points.
+
+    Returns
+    -------
+    (m,) uint8
+        1 where at least `k` points lie within the distance, else 0.
+    """
+    near = ((points - x[:, None]) ** 2).sum(axis=2) <= (distance**2)[:, None]
+    return np.asarray(near.sum(axis=1) >= k, np.uint8)
