@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import scipy.sparse
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
 from ._kernels import KdTree, WindingTree
-from .octree import build_octree
 from .rules import RuleBase
 
 REPRESENTATIVES = 8000
 """Largest number of unknowns of the global problem."""
-ITERATIONS = 40
-WIDTHS = (3.0, 0.7)
-"""Smoothing width at the first and the last iteration, over the distance of representatives."""
+ITERATIONS = 20
+SPACINGS, NOISES = 0.7, 2.6
+"""Smoothing width at the last iteration: so many distances of representatives and so many standard
+deviations of the noise. Less of it and the noise decides, more and thin parts vanish."""
+WIDER = 2.5
+"""Smoothing width at the first iteration, over that at the last, at least."""
+WIDEST = 3.0
+"""The same over the distance of representatives."""
 ALIKE = 0.7
 """Least cosine between the planes of neighbouring rules that hand on a sign."""
 CLOSED = 0.72
@@ -28,27 +30,42 @@ OPENING = 0.5
 """Opening angle of the tree code: a node is summed at its centre when it looks smaller."""
 
 
-def representatives(rules: RuleBase) -> NDArray[np.float64]:
-    """Combine rules that lie close together into at most 8000 representatives.
+def orient_points(points: NDArray[np.float64], noise: float, n_threads: int) -> NDArray[np.float64]:
+    """Find outward normals at all points from a global criterion alone.
+
+    The winding number normals of an even choice of the points define a smooth winding number; its
+    gradient is evaluated everywhere. No local fit takes part: on parts hardly thicker than the
+    noise, where a fit sees both sides, the sides are still told apart.
 
     Parameters
     ----------
-    rules : RuleBase
-        Rules with or without consistent sides.
+    points : (n, 3) float64
+        Distinct points in Morton order.
+    noise : float
+        Standard deviation of the points about the surface.
+    n_threads : int
+        Threads.
 
     Returns
     -------
-    (m, 3) float64
-        Mean feet of octree leaves, in Morton order.
+    (n, 3) float64
+        Unit normals.
     """
-    capacity = max(1, 2 * len(rules) // REPRESENTATIVES)
-    cells = build_octree(rules.feet, capacity)
-    count = np.diff(cells.offsets)
-    return np.add.reduceat(cells.points, cells.offsets[:-1]) / count[:, None]
+    n = len(points)
+    chosen = np.linspace(0, n - 1, min(n, REPRESENTATIVES)).astype(np.int64)
+    x = np.ascontiguousarray(points[chosen])
+    near = KdTree(x, n_threads).query(x, min(5, len(x)), np.inf, n_threads)[0]
+    spacing = float(np.median(near[:, 1:]))
+    last = SPACINGS * spacing + NOISES * noise
+    mu = winding_number_normals(x, (max(WIDEST * spacing, WIDER * last), last), n_threads)
+    tree = WindingTree(x, np.linalg.norm(mu, axis=1))
+    gradient = tree.evaluate(mu, None, points, np.full(n, last), OPENING, n_threads)[1]
+    length = np.linalg.norm(gradient, axis=1, keepdims=True)
+    return np.asarray(gradient / np.maximum(length, 1e-300))
 
 
 def winding_number_normals(
-    x: NDArray[np.float64], spacing: float, n_threads: int
+    x: NDArray[np.float64], widths: tuple[float, float], n_threads: int
 ) -> NDArray[np.float64]:
     """Find normals whose winding number is one half on the surface and that are its gradient.
 
@@ -59,9 +76,9 @@ def winding_number_normals(
     Parameters
     ----------
     x : (m, 3) float64
-        Positions, close to the surface.
-    spacing : float
-        Typical distance of neighbouring positions.
+        Positions on the surface or scattered about it.
+    widths : tuple of float
+        Smoothing width at the first and the last iteration, in the unit of the points.
     n_threads : int
         Threads.
 
@@ -74,8 +91,8 @@ def winding_number_normals(
     sorted_x = np.ascontiguousarray(x[order])
     tree = WindingTree(sorted_x, np.ones(len(x)))
     mu = np.zeros_like(sorted_x)
-    for step in np.linspace(0.0, 1.0, ITERATIONS):
-        width = np.full(len(x), spacing * WIDTHS[0] * (WIDTHS[1] / WIDTHS[0]) ** step)
+    for now in np.geomspace(*widths, ITERATIONS):
+        width = np.full(len(x), now)
 
         def winding(m: NDArray[np.float64], w: NDArray[np.float64] = width) -> NDArray[np.float64]:
             return np.asarray(tree.evaluate(m, None, sorted_x, w, OPENING, n_threads)[0])
@@ -94,38 +111,7 @@ def winding_number_normals(
     return result
 
 
-def orient(rules: RuleBase, n_threads: int) -> tuple[RuleBase, tuple[str, ...]]:
-    """Turn the normals of all rules outwards.
-
-    Parameters
-    ----------
-    rules : RuleBase
-        Rules with normals of unknown sign.
-    n_threads : int
-        Threads.
-
-    Returns
-    -------
-    rules : RuleBase
-        The same rules turned, with the confidence of the decision.
-    warnings : tuple of str
-        Said when the side of a piece is a guess.
-    """
-    x = representatives(rules)
-    tree = KdTree(x, n_threads)
-    near = tree.query(x, min(5, len(x)), np.inf, n_threads)[0]
-    spacing = float(np.median(near[:, 1:])) if len(x) > 1 else 1.0
-    mu = winding_number_normals(x, spacing, n_threads)
-    direction = mu / np.maximum(np.linalg.norm(mu, axis=1, keepdims=True), 1e-300)
-    distance, index = tree.query(rules.feet, min(4, len(x)), np.inf, n_threads)
-    weight = np.exp(-((distance / spacing) ** 2)) + 1e-12
-    vote = np.einsum("rk,rkd->rd", weight / weight.sum(axis=1, keepdims=True), direction[index])
-    turned = unify(rules.facing(vote), n_threads)
-    confidence = np.abs(np.einsum("rd,rd->r", turned.normals, vote))
-    return replace(turned, confidence=confidence), ()
-
-
-def unify(rules: RuleBase, n_threads: int) -> RuleBase:
+def unify(rules: RuleBase, n_threads: int) -> tuple[RuleBase, NDArray[np.bool_]]:
     """Make sheets consistent that the winding number cannot decide: open ones.
 
     Hoppe et al. 1992: signs are handed on along a spanning tree of the rules whose edges prefer
@@ -143,7 +129,10 @@ def unify(rules: RuleBase, n_threads: int) -> RuleBase:
 
     Returns
     -------
-    RuleBase
+    rules : RuleBase
+        The same rules turned.
+    replaced : (r,) bool
+        Rules that have their sign from the tree.
     """
     n, normals, feet = len(rules), rules.normals, rules.feet
     index = KdTree(feet, n_threads).query(feet, min(9, n), np.inf, n_threads)[1][:, 1:]
@@ -168,7 +157,7 @@ def unify(rules: RuleBase, n_threads: int) -> RuleBase:
     after = np.bincount(pieces_of_edges, sign[a] * sign[b] * cosine < 0, count)
     closed = np.bincount(piece, area * empty_in_front(rules, n_threads)) / np.bincount(piece, area)
     replaced = ((after < 0.5 * before) & (closed < CLOSED))[piece]
-    return rules.facing(normals * np.where(replaced, sign, 1.0)[:, None])
+    return rules.facing(normals * np.where(replaced, sign, 1.0)[:, None]), replaced
 
 
 def empty_in_front(rules: RuleBase, n_threads: int) -> NDArray[np.bool_]:
@@ -268,6 +257,46 @@ def face(
         lean = np.bincount(piece, rules.areas * (rules.normals @ towards))
         return rules.facing(rules.normals * np.where(lean < 0, -1.0, 1.0)[piece][:, None])
     return rules
+
+
+def turn_along(
+    sides: NDArray[np.float64],
+    points: NDArray[np.float64],
+    before: RuleBase,
+    after: RuleBase,
+    replaced: NDArray[np.bool_],
+    n_threads: int,
+) -> NDArray[np.float64]:
+    """Turn the sides of points whose rule has been turned.
+
+    Parameters
+    ----------
+    sides, points : (n, 3) float64
+        Points and their sides, consistent with `before`.
+    before, after : RuleBase
+        The same rules with other signs.
+    replaced : (r,) bool
+        Rules that have a new sign whatever it was before: points follow the nearest of them, if one
+        is among the four nearest rules.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    (n, 3) float64
+        Elsewhere a point follows the nearest of four rules that was on its side.
+    """
+    turned = np.einsum("rd,rd->r", before.normals, after.normals) < 0.0
+    if not (turned.any() or replaced.any()):
+        return sides
+    tree = KdTree(before.feet, n_threads)
+    index = tree.query(points, min(4, len(before)), np.inf, n_threads)[1]
+    same = np.einsum("nkd,nd->nk", before.normals[index], sides) > 0.0
+    first = index[np.arange(len(points)), same.argmax(axis=1)]
+    new = index[np.arange(len(points)), replaced[index].argmax(axis=1)]
+    against = np.einsum("nd,nd->n", after.normals[new], sides) < 0.0
+    flip = np.where(replaced[new], against, turned[first] & same.any(axis=1))
+    return np.where(flip[:, None], -sides, sides)
 
 
 def pieces(rules: RuleBase, n_threads: int) -> NDArray[np.int64]:

@@ -6,7 +6,7 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +17,11 @@ from .field import Field
 from .growth import adjust, combine, generate
 from .local_fit import Scale, choose_scale, find_outliers
 from .octree import sort_unique
-from .orientation import face, orient
+from .orientation import face, orient_points, turn_along, unify
 from .resolution import choose_levels, choose_voxel_size
 from .results import NormalEstimate, SurfaceEstimate
 from .rlps import local_surfaces
-from .rules import RuleBase, fit_rules, infer_normals, typical_data
+from .rules import RuleBase, fit_rules, infer_normals, sides_around, typical_data
 from .surface import attribute_weights, extract, keep_supported, mesh_normals
 
 __all__ = ["NormalEstimate", "SurfaceEstimate", "estimate_normals", "reconstruct_surface"]
@@ -75,6 +75,7 @@ class _Learned:
     tree: KdTree
     scale: Scale
     inliers: NDArray[np.bool_]
+    sides: Array
     rules: RuleBase
     middle: Array
     extent: float
@@ -177,7 +178,7 @@ def reconstruct_surface(
 
     with clock.stage("local surfaces"):
         inliers = np.ascontiguousarray(learned.points[learned.inliers])
-        facing, _, residual = infer_normals(rules, inliers, threads)
+        facing, _, residual = infer_normals(rules, inliers, threads, sides=learned.sides)
         rules, surfaces = local_surfaces(rules, inliers, facing, learned.tree, threads)
     with clock.stage("field"):
         size = choose_voxel_size(
@@ -254,23 +255,29 @@ def _learn(
         if not inliers.all():
             tree = KdTree(clean, threads)
             scale = choose_scale(clean, tree, max_nn, limit, threads)
-    with clock.stage("typical data"):
-        centers = typical_data(clean, scale, threads)
-        pilot = scale.at(centers, threads)
-    with clock.stage("rules"):
-        size, noise = scale.n_neighbors[pilot], scale.noise[pilot]
-        rules = fit_rules(clean, tree, centers, size, noise, threads)
     with clock.stage("orientation"):
-        warnings: tuple[str, ...] = ()
-        if normals is not None:
-            nearest = KdTree(x, threads).query(rules.feet, 1, np.inf, threads)[1][:, 0]
-            rules = rules.facing(normals[order][nearest])
+        if normals is None:
+            sides = orient_points(clean, float(np.median(scale.noise)), threads)
         else:
-            rules, warnings = orient(rules, threads)
+            sides = np.ascontiguousarray(normals[order][inliers])
+    with clock.stage("typical data"):
+        centers, facing = typical_data(clean, sides, tree, scale, threads)
+        pilot = scale.at(centers, threads)
+        size, noise = scale.n_neighbors[pilot], scale.noise[pilot]
+    with clock.stage("rules"):
+        rules = fit_rules(clean, tree, centers, size, noise, threads, normals=sides, sides=facing)
+        agreement = np.abs(np.einsum("rd,rd->r", rules.normals, facing))
+        rules = replace(rules, confidence=agreement)
+        warnings: tuple[str, ...] = ()
+        if normals is None:
+            turned, replaced = unify(rules, threads)
             place = None if viewpoint is None else (viewpoint - middle) / extent
-            rules = face(rules, place, towards, threads)
+            turned = face(turned, place, towards, threads)
+            sides = turn_along(sides, clean, rules, turned, replaced, threads)
+            rules = turned
     with clock.stage("growth"):
-        sides, _, residual = infer_normals(rules, clean, threads)
+        normals, _, residual = infer_normals(rules, clean, threads, sides=sides)
+        facing = sides_around(rules.centers, rules.normals, normals, tree, threads)
         centers, size, noise = generate(rules, clean, residual, threads)
         side = infer_normals(rules, centers, threads)[0]
         rules = fit_rules(
@@ -280,19 +287,21 @@ def _learn(
             np.concatenate([rules.n_neighbors, size]),
             np.concatenate([rules.noise, noise]),
             threads,
-            normals=sides,
-            sides=np.concatenate([rules.normals, side]),
+            normals=normals,
+            sides=np.concatenate([facing, side]),
             confidence=np.concatenate([rules.confidence, np.ones(len(centers))]),
         )
         rules = adjust(combine(rules, threads), clean, threads)
-    return _Learned(x, inverse, tree, scale, inliers, rules, middle, extent, warnings)
+    return _Learned(x, inverse, tree, scale, inliers, sides, rules, middle, extent, warnings)
 
 
 def _infer(learned: _Learned, threads: int, clock: _Clock) -> NormalEstimate:
     """Stage 6: a normal at every point, outliers and duplicates included."""
     with clock.stage("inference"):
         rules = learned.rules
-        normals, agreement, _ = infer_normals(rules, learned.points, threads)
+        sides = np.zeros_like(learned.points)
+        sides[learned.inliers] = learned.sides
+        normals, agreement, _ = infer_normals(rules, learned.points, threads, sides=sides)
         nearest = KdTree(rules.feet, threads).query(learned.points, 1, np.inf, threads)[1][:, 0]
         confidence = agreement * rules.confidence[nearest]
         noise = rules.noise[nearest]

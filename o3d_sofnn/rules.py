@@ -11,6 +11,8 @@ from . import _kernels
 from .local_fit import Scale
 from .octree import build_octree
 
+NEAREST = 6
+"""Points that give a typical datum its side."""
 LEAF = 32
 """Fewest points in an octree leaf, the piece of data that one fuzzy c-means run sees."""
 RULES_PER_NEIGHBORHOOD = 8.0
@@ -136,13 +138,24 @@ class RuleBase:
         )
 
 
-def typical_data(points: NDArray[np.float64], scale: Scale, n_threads: int) -> NDArray[np.float64]:
+def typical_data(
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    tree: _kernels.KdTree,
+    scale: Scale,
+    n_threads: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Draw the typical data of the cloud: fuzzy c-means in every octree leaf (section 3.1).
+
+    A leaf that holds both sides of a thin part is divided: a typical datum of both would lie
+    between them.
 
     Parameters
     ----------
-    points : (n, 3) float64
-        Distinct points.
+    points, normals : (n, 3) float64
+        Distinct points and on which side of the surface they lie.
+    tree : KdTree
+        Over `points`.
     scale : Scale
         Its neighbourhood size says how many points one typical datum stands for.
     n_threads : int
@@ -150,20 +163,89 @@ def typical_data(points: NDArray[np.float64], scale: Scale, n_threads: int) -> N
 
     Returns
     -------
-    (c, 3) float64
+    centers : (c, 3) float64
         Cluster centres, c << n where there is noise.
+    sides : (c, 3) float64
+        Unit normals there.
     """
     # Leaves smaller than a neighbourhood would get one rule each, however far they overlap.
-    tree = build_octree(points, max(LEAF, int(np.median(scale.n_neighbors)) // 4))
-    count = np.diff(tree.offsets)
-    middle = tree.points[(tree.offsets[:-1] + tree.offsets[1:]) // 2]
+    leaves = build_octree(points, max(LEAF, int(np.median(scale.n_neighbors)) // 4))
+    order, offsets, facing = divide_by_side(normals[leaves.order], leaves.offsets)
+    x = np.ascontiguousarray(leaves.points[order])
+    count = np.diff(offsets)
+    middle = x[(offsets[:-1] + offsets[1:]) // 2]
     neighbors = scale.n_neighbors[scale.at(middle, n_threads)]
     clusters = np.clip(np.rint(count * RULES_PER_NEIGHBORHOOD / neighbors), 1, count)
-    return np.asarray(
-        _kernels.typical_data(
-            tree.points, tree.offsets, clusters.astype(np.int64), 8, 1e-2, n_threads
-        )
-    )
+    clusters = clusters.astype(np.int64)
+    centers = np.asarray(_kernels.typical_data(x, offsets, clusters, 8, 1e-2, n_threads))
+    facing = np.repeat(facing, clusters, axis=0)
+    return centers, sides_around(centers, facing, normals, tree, n_threads)
+
+
+def sides_around(
+    x: NDArray[np.float64],
+    facing: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    tree: _kernels.KdTree,
+    n_threads: int,
+) -> NDArray[np.float64]:
+    """Mean normal of the nearest points that face the same way, or of all where none does.
+
+    Parameters
+    ----------
+    x, facing : (m, 3) float64
+        Places and which way they face.
+    normals : (n, 3) float64
+        Unit normals of the points.
+    tree : KdTree
+        Over the points.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    (m, 3) float64
+        Unit normals.
+    """
+    distance, index = tree.query(x, min(NEAREST, len(normals)), np.inf, n_threads)
+    around = normals[index]
+    same = np.maximum(np.einsum("mkd,md->mk", around, facing), 1e-6)
+    width = np.maximum(distance[:, 1 % distance.shape[1]], 1e-300)[:, None]
+    sides = np.einsum("mk,mkd->md", same * np.exp(-((distance / width) ** 2)), around)
+    return np.asarray(sides / np.maximum(np.linalg.norm(sides, axis=1, keepdims=True), 1e-300))
+
+
+def divide_by_side(
+    normals: NDArray[np.float64], offsets: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Divide cells whose normals face both ways along their main axis.
+
+    Parameters
+    ----------
+    normals : (n, 3) float64
+        Unit normals, cell by cell.
+    offsets : (c + 1,) int64
+        Cell ``i`` holds rows ``offsets[i]`` to ``offsets[i + 1]``.
+
+    Returns
+    -------
+    order : (n,) int64
+        Rows, part by part.
+    offsets : (p + 1,) int64
+        The same for the parts.
+    facing : (p, 3) float64
+        Mean normal of each part.
+    """
+    count = np.diff(offsets)
+    cell = np.repeat(np.arange(len(count)), count)
+    products = np.einsum("ni,nj->nij", normals, normals).reshape(-1, 9)
+    spread = np.add.reduceat(products, offsets[:-1]).reshape(-1, 3, 3)
+    axis = np.linalg.eigh(spread)[1][:, :, 2]
+    part = 2 * cell + (np.einsum("nd,nd->n", normals, axis[cell]) < 0)
+    order = np.argsort(part, kind="stable")
+    first = np.flatnonzero(np.diff(part[order], prepend=-1))
+    facing = np.add.reduceat(normals[order], first)
+    return order, np.append(first, len(normals)), facing
 
 
 def fit_rules(
@@ -223,7 +305,12 @@ def fit_rules(
 
 
 def infer_normals(
-    rules: RuleBase, x: NDArray[np.float64], n_threads: int, *, k: int = 12
+    rules: RuleBase,
+    x: NDArray[np.float64],
+    n_threads: int,
+    *,
+    sides: NDArray[np.float64] | None = None,
+    k: int = 12,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Infer a normal at every point, eq. (7) and (9).
 
@@ -239,6 +326,10 @@ def infer_normals(
         Where the normal is wanted.
     n_threads : int
         Threads.
+    sides : (n, 3) float64, optional
+        Unit vectors out of the surface at each place, as far as they are known; (0, 0, 0) where
+        they are not. A Gaussian in the angle to the normal of the rule joins the membership: on
+        parts hardly thicker than the noise the residual alone does not tell the sides apart.
     k : int, default 12
         Nearest rules that take part.
 
@@ -251,7 +342,6 @@ def infer_normals(
     residual : (n,) float64
         Signed distance to the quadric of the rule with the largest membership.
     """
-    normals, info = _kernels.infer_normals(
-        rules.view(n_threads), x, None, min(k, len(rules)), n_threads
-    )
+    view = rules.view(n_threads)
+    normals, info = _kernels.infer_normals(view, x, sides, min(k, len(rules)), n_threads)
     return np.asarray(normals), np.asarray(info[:, 0]), np.asarray(info[:, 1])

@@ -78,7 +78,7 @@ NB_MODULE(_kernels, m) {
               for (int64_t i = lo; i < hi; ++i) {
                 const Vec3 c = load(centers.data() + 3 * i);
                 t.nearest_sorted(c, scales.data()[ns - 1], 1e300, s.neighbors);
-                load_points(p.data(), nullptr, nullptr, c, s);
+                load_points(p.data(), nullptr, nullptr, 0.0, c, s);
                 for (size_t j = 0; j < ns; ++j) {
                   const int64_t k = std::min<int64_t>(scales.data()[j], s.neighbors.size());
                   const LocalFit f = fit_quadric(c, k, 0.0, 0, s);
@@ -105,7 +105,7 @@ NB_MODULE(_kernels, m) {
               for (int64_t i = lo; i < hi; ++i) {
                 const Vec3 c = load(centers.data() + 3 * i);
                 t.nearest(c, neighbors.data()[i], 1e300, s.neighbors);
-                load_points(p.data(), normals ? normals->data() : nullptr, sides ? sides->data() + 3 * i : nullptr, c, s);
+                load_points(p.data(), normals ? normals->data() : nullptr, sides ? sides->data() + 3 * i : nullptr, robust.data()[i], c, s);
                 const LocalFit f = fit_quadric(c, s.neighbors.size(), robust.data()[i], iterations, s);
                 store(&foot[3 * i], f.foot);
                 store(&frame[9 * i], f.frame.t1), store(&frame[9 * i + 3], f.frame.t2), store(&frame[9 * i + 6], f.frame.n);

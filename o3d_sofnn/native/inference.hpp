@@ -11,8 +11,6 @@ namespace sofnn {
 constexpr int kLanes = 16;
 using Lanes = std::array<double, kLanes>;
 
-// Concentration of the membership in the angle between a side and the normal of a rule.
-constexpr double kConcentration = 1;
 
 // A run of places with their sides (zero where unknown), and the squared distance of the k-th nearest rule of each.
 struct Run {
@@ -83,7 +81,7 @@ SOFNN_CLONES inline void evaluate_rule(const Run& run, const Rule& rule, const d
   const Vec3 t1 = rule.frame.t1, t2 = rule.frame.t2, t3 = rule.frame.n;
   const double q0 = rule.coefficients[0], q1 = rule.coefficients[1], q2 = rule.coefficients[2],
                q3 = rule.coefficients[3], q4 = rule.coefficients[4], q5 = rule.coefficients[5];
-  const double quality = rule.log_quality;
+  const double quality = rule.log_quality, concentration = rule.concentration;
   const double *SOFNN_RESTRICT x = run.x.data(), *SOFNN_RESTRICT y = run.y.data(), *SOFNN_RESTRICT z = run.z.data();
   const double *SOFNN_RESTRICT sx = run.side_x.data(), *SOFNN_RESTRICT sy = run.side_y.data(),
                *SOFNN_RESTRICT sz = run.side_z.data(), *SOFNN_RESTRICT limit = run.sq_limit.data();
@@ -102,7 +100,7 @@ SOFNN_CLONES inline void evaluate_rule(const Run& run, const Rule& rule, const d
                  nz = tilt * (t3.z - qu * t1.z - qv * t2.z);
     const double miss = height * inv_tolerance;
     const double lean = nx * sx[l] + ny * sy[l] + nz * sz[l];
-    const double weight = quality - 2 * square - 0.5 * miss * miss + kConcentration * lean;
+    const double weight = quality - 2 * square - 0.5 * miss * miss + concentration * lean;
     const double taken = sq[l] <= limit[l] ? weight : kOut;
     out->weight[l] = taken, out->height[l] = height;
     out->nx[l] = nx, out->ny[l] = ny, out->nz[l] = nz;

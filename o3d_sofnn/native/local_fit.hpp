@@ -26,18 +26,27 @@ struct FitScratch {
   }
 };
 
+// How flat the weight by angle is for small angles, over the ratio of the residual width to the radius: the noisier
+// the data, the larger the angle that noise alone causes.
+constexpr double kNoisyNormals = 5;
+
 // Columns of the points around a centre. With oriented normals of the points and a side, points that face away from
-// the side get no weight.
-inline void load_points(const double* points, const double* normals, const double* side, Vec3 center, FitScratch& s) {
+// the side get no weight, those at an angle less of it; the noisier they are, the larger the angle may be.
+inline void load_points(const double* points, const double* normals, const double* side, double robust, Vec3 center,
+                        FitScratch& s) {
   const int64_t n = s.neighbors.size();
   s.resize(n);
+  double sq_radius = 0;
   for (int64_t i = 0; i < n; ++i) {
     const double* p = points + 3 * s.neighbors[i].index;
     s.x[i] = p[0] - center.x, s.y[i] = p[1] - center.y, s.z[i] = p[2] - center.z;
+    sq_radius = std::max(sq_radius, s.neighbors[i].sq_dist);
   }
+  const double gain = 1 + kNoisyNormals * robust / std::max(std::sqrt(sq_radius), 1e-300);
   for (int64_t i = 0; i < n; ++i) {
     const double agree = normals ? std::max(dot(load(normals + 3 * s.neighbors[i].index), load(side)), 0.0) : 0.0;
-    s.factor[i] = normals ? agree * agree + 1e-6 : 1.0;
+    const double factor = std::min(gain * agree, 1.0);
+    s.factor[i] = normals ? factor * factor + 1e-6 : 1.0;
   }
 }
 

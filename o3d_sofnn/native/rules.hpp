@@ -5,10 +5,14 @@
 
 namespace sofnn {
 
+// Concentration of the membership in the angle between a side and the normal of a rule, over how much wider than on
+// clean data the membership in the residual is, over the radius: the less the residual tells, the more the side decides.
+constexpr double kConcentration = 25, kCleanTolerance = 0.02;
+
 struct Rule {
   Vec3 center;
   Frame frame;
-  double coefficients[6], radius, tolerance, quality, log_quality;
+  double coefficients[6], radius, tolerance, quality, log_quality, concentration;
 };
 
 // The rules of a rule base, one record each, and a tree over their centres.
@@ -27,6 +31,7 @@ struct RuleView {
       std::copy(q, q + 6, r.coefficients);
       r.radius = radius[i], r.tolerance = tolerance[i], r.quality = quality[i];
       r.log_quality = std::log(std::max(quality[i], 1e-12));
+      r.concentration = kConcentration * std::max(tolerance[i] / radius[i] - kCleanTolerance, 0.0);
     }
   }
 };

@@ -12,8 +12,9 @@ from .rules import Rules
 
 Array = NDArray[np.float64]
 
-CONCENTRATION = 1.0
-"""Of the membership in the angle between a side and the normal of a rule."""
+CONCENTRATION, CLEAN_TOLERANCE = 25.0, 0.02
+"""Concentration of the membership in the angle to a side, over how much wider than on clean data
+the membership in the residual is, both over the radius."""
 
 
 class Contribution(NamedTuple):
@@ -140,6 +141,7 @@ def _blend(
     rule = contributions(place, rules.rows(near))
     z = rule.residual / rules.tolerance[near]
     membership = np.log(np.maximum(rules.quality[near], 1e-12)) - 2.0 * rule.reach - 0.5 * z**2
-    membership = membership + CONCENTRATION * (rule.normal @ side)
+    wide = np.maximum(rules.tolerance[near] / rules.radius[near] - CLEAN_TOLERANCE, 0.0)
+    membership = membership + CONCENTRATION * wide * (rule.normal @ side)
     share = np.exp(membership - membership.max())  # safe far from every rule
     return near, np.asarray(share / share.sum()), rule

@@ -11,6 +11,8 @@ from .neighbors import query
 
 Array = NDArray[np.float64]
 
+NOISY_NORMALS = 5.0
+"""How flat the weight by angle is for small angles, over the ratio of residual width to radius."""
 RADIUS = 1.1
 """Radius of a fit over the distance of its last neighbour."""
 RIDGE = np.array([1e-12, 1e-9, 1e-9, 1.00001e-4, 1.00001e-4, 1.00001e-4])
@@ -81,7 +83,8 @@ def fit_rules(
         Repetitions with that weight.
     normals, sides : (n, 3) and (m, 3) float64, or None
         Oriented normals of points and rules: points enter by the square of the cosine between the
-        two, and hardly at all where they face the other way.
+        two (where there is noise, small angles do not count), and hardly at all where they face
+        the other way.
 
     Returns
     -------
@@ -152,7 +155,9 @@ def fit_quadric(
     local = (points[index[0]] - center) * (1.0 / radius if radius > 0.0 else 0.0)
     weight = np.maximum(1.0 - (local**2).sum(axis=1), 0.0)
     if normals is not None and side is not None:
-        weight = weight * (np.maximum(normals[index[0]] @ side, 0.0) ** 2 + 1e-6)
+        gain = 1.0 + NOISY_NORMALS * robust / max(distance[0, -1], 1e-300)
+        agree = np.minimum(gain * np.maximum(normals[index[0]] @ side, 0.0), 1.0)
+        weight = weight * (agree**2 + 1e-6)
 
     total = max(weight.sum(), 1e-300)
     mean = weight @ local / total
