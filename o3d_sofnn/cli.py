@@ -1,4 +1,4 @@
-"""The command line ``o3d-sofnn normals|reconstruct IN OUT``."""
+"""The command line ``o3d-sofnn normals|reconstruct IN OUT`` and ``compare IN... --out DIR``."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+from o3d_sofnn.compare import command
 from o3d_sofnn.progress import Progress, make_progress, rescale
 
 FAILURE = 1
@@ -44,6 +45,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         args = _parser().parse_args(argv)
         logging.basicConfig(format="o3d-sofnn: %(levelname)s: %(message)s", force=True)
         with contextlib.closing(make_progress(args.progress)) as progress:
+            if args.command == "compare":
+                return command.run(args, progress)
             report = _run(args, progress)
         _write_report(report, args.json)
     except KeyboardInterrupt:
@@ -229,7 +232,25 @@ def _parser() -> argparse.ArgumentParser:
     mesh.add_argument(
         "--use-normals", action="store_true", help="take the sides from the normals in IN"
     )
+    compare = commands.add_parser(
+        "compare",
+        help="compare with Open3D's and MeshLab's reconstructions",
+        description=command.TEXT,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    compare.add_argument("input", type=Path, nargs="+", metavar="IN", help="scans, closed meshes")
+    command.add_options(compare)
+    _add_progress(compare)
     return parser
+
+
+def _add_progress(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--progress",
+        choices=("auto", "bar", "plain", "none"),
+        default="auto",
+        help="auto (default): a bar on a terminal; plain: lines 'PROGRESS percent text'",
+    )
 
 
 def _common_options() -> _Parser:
@@ -245,11 +266,6 @@ def _common_options() -> _Parser:
     common.add_argument(
         "--threads", type=int, default=-1, metavar="N", help="threads; -1 (default): all cores"
     )
-    common.add_argument(
-        "--progress",
-        choices=("auto", "bar", "plain", "none"),
-        default="auto",
-        help="auto (default): a bar on a terminal; plain: lines 'PROGRESS percent text'",
-    )
+    _add_progress(common)
     common.add_argument("--json", metavar="REPORT", help="write a report as JSON; - for the screen")
     return common

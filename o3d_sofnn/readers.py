@@ -11,6 +11,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from o3d_sofnn import adapters
 
 # Open3D's tensor readers keep the file's number types and its further attributes; for text files
@@ -40,6 +43,23 @@ def read_with_open3d(path: Path) -> Any:
         Open3D cannot read the file, or not to its end.
     """
     return _without_complaint(path, lambda: _read(path))
+
+
+def read_triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the (m, 3) vertices and (f, 3) triangles of a mesh file; no triangles of a cloud.
+
+    Vertices that are repeated for every triangle, as in an STL file, are joined.
+
+    Raises
+    ------
+    ValueError
+        Open3D cannot read the file, or not to its end.
+    """
+    o3d = adapters.import_open3d()
+    read = o3d.io.read_triangle_mesh
+    mesh = _without_complaint(path, lambda: read(str(path)).remove_duplicated_vertices())
+    vertices, triangles = adapters.read_mesh(mesh)
+    return vertices.points, triangles
 
 
 def _read(path: Path) -> Any:

@@ -116,7 +116,9 @@ def _deaf_to_interrupts() -> Iterator[None]:
         raise KeyboardInterrupt
 
 
-def _child(sender: Connection, log: Path, function: Callable[..., Any], args: tuple) -> None:
+def _child(
+    sender: Connection, log: Path, function: Callable[..., Any], args: tuple[Any, ...]
+) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # for Windows, where nothing can be blocked
     with log.open("w") as stream:
         # Libraries written in C++ print past Python's streams.
@@ -131,10 +133,11 @@ def _child(sender: Connection, log: Path, function: Callable[..., Any], args: tu
     except Exception as failure:  # whatever it is, it belongs into the report
         text = str(failure).strip().splitlines() or [""]
         error = f"{type(failure).__name__}: {text[0]}"[:300]
-    sender.send((value, error, time.perf_counter() - started, _peak_mb()))
+    sender.send((value, error, time.perf_counter() - started, peak_mb()))
 
 
-def _peak_mb() -> float | None:
+def peak_mb() -> float | None:
+    """Return the largest resident memory of this process so far, in MB; None if not known."""
     status = Path("/proc/self/status")
     if status.exists():  # getrusage would count what the parent had before it started this process
         found = re.search(r"VmHWM:\s+(\d+) kB", status.read_text())

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from peers import Mesh
 
 from o3d_sofnn import metrics
+
+from .peers import Mesh
 
 Array = NDArray[Any]
 

@@ -1,0 +1,199 @@
+"""One method on one cloud, from the points to the figures: what runs in a process of its own."""
+
+from __future__ import annotations
+
+import importlib
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from o3d_sofnn import adapters
+
+from . import colors, measure, peers, raster
+from .cases import Case
+from .isolated import peak_mb
+from .peers import Mesh
+from .png import encode_png
+
+Array = NDArray[Any]
+
+METHODS = {
+    "ours": "o3d_sofnn.compare.peers",
+    "open3d_poisson": "o3d_sofnn.compare.peers",
+    "open3d_ball_pivoting": "o3d_sofnn.compare.peers",
+    "open3d_alpha_shape": "o3d_sofnn.compare.peers",
+    "meshlab_poisson": "meshlab_sofnn.peers",
+    "meshlab_ball_pivoting": "meshlab_sofnn.peers",
+    "meshlab_rimls": "meshlab_sofnn.peers",
+}
+"""Names of the methods, and the modules that have a function of that name."""
+WORST = 0.01
+"""Error that is drawn darkest, in parts of the diagonal."""
+DOTS = 6_000
+"""Most points that a pane shows."""
+WIDTH, HEIGHT = 440, 380
+"""Of a picture, in pixels."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What there is to see of a result.
+
+    Attributes
+    ----------
+    vertices : (m, 3) float64
+        Of a mesh that is simple enough for a page, or of a cloud.
+    triangles : (f, 3) int64
+        None for a cloud.
+    errors : (m,) float64
+        Of the vertices, in parts of ``WORST`` of the diagonal, at most 1.
+    normals : (k, 3) float64, or None
+        At the points ``dots(case)``.
+    flipped : (k,) bool, or None
+        Which of them point to the wrong side; None when the truth is not known.
+    pictures : dict of str to bytes
+        PNG files: "surface", "normals" (by direction), "flipped" (in red).
+    """
+
+    vertices: Array
+    triangles: Array
+    errors: Array
+    normals: Array | None
+    flipped: Array | None
+    pictures: dict[str, bytes]
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The figures of a result (keys of ``measure.FIGURES``), and what there is to see of it."""
+
+    figures: dict[str, float | None]
+    look: Look
+
+
+def evaluate(case: Case, method: str, samples: int, triangles: int) -> Evaluation:
+    """Run a method on a cloud and measure what comes out.
+
+    Parameters
+    ----------
+    case : Case
+        The cloud.
+    method : str
+        One of ``METHODS``.
+    samples : int
+        Points drawn from either surface for the comparison with the truth.
+    triangles : int
+        At most so many in the look.
+
+    Returns
+    -------
+    Evaluation
+        Its time is that of the method alone, without loading libraries.
+    """
+    run = getattr(_load(METHODS[method]), method)
+    started = time.perf_counter()
+    mesh: Mesh = run(case.points)
+    seconds = time.perf_counter() - started
+    memory = peak_mb()
+    found = measure.figures(case.points, mesh, case.truth, samples)
+    return Evaluation(
+        {"seconds": seconds, "peak_mb": memory, **found}, _look(case, mesh, triangles)
+    )
+
+
+def before(case: Case) -> Look:
+    """Return the cloud with the normals of plain planes, which know no sides."""
+    chosen = dots(case)
+    points, normals = case.points[chosen], peers.plane_normals(case.points)
+    frame = _frame(case)
+    pale = raster.draw_points(
+        frame, case.points, raster.depth_colors(frame, case.points), opaque=False
+    )
+    pictures = {"surface": encode_png(pale), **_normal_pictures(case, normals)}
+    flipped = _flipped(case, normals)
+    return Look(
+        points,
+        np.zeros((0, 3), np.int64),
+        np.zeros(len(points)),
+        normals[chosen],
+        None if flipped is None else flipped[chosen],
+        pictures,
+    )
+
+
+def dots(case: Case) -> Array:
+    """Return the indices of the points that panes show."""
+    n = len(case.points)
+    return np.sort(np.random.default_rng(0).choice(n, min(n, DOTS), replace=False))
+
+
+def _load(module: str) -> Any:
+    """Import what a method needs, so that this does not count as its time."""
+    adapters.import_open3d()
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name != "pymeshlab":
+            raise
+        raise RuntimeError("PyMeshLab is not here; type: pip install pymeshlab") from error
+
+
+def _look(case: Case, mesh: Mesh, triangles: int) -> Look:
+    errors = _errors(case, mesh.vertices)
+    frame = _frame(case)
+    surface = raster.draw_mesh(
+        frame, mesh.vertices, mesh.triangles, colors.heat_colors(errors, 1.0)
+    )
+    pictures = {"surface": encode_png(surface)}
+    simple = peers.simplify(mesh, triangles)
+    nearest = cKDTree(mesh.vertices).query(simple.vertices)[1]
+    chosen = dots(case)
+    flipped = None
+    if mesh.normals is not None:
+        pictures |= _normal_pictures(case, mesh.normals)
+        flipped = _flipped(case, mesh.normals)
+    return Look(
+        simple.vertices,
+        simple.triangles,
+        errors[nearest],
+        None if mesh.normals is None else mesh.normals[chosen],
+        None if flipped is None else flipped[chosen],
+        pictures,
+    )
+
+
+def _errors(case: Case, vertices: Array) -> Array:
+    """Return the distances of vertices from the truth, or from the nearest point without one."""
+    if case.truth is None:
+        distance = cKDTree(case.points).query(vertices)[0]
+    else:
+        distance = measure.distances(vertices, case.truth.vertices, case.truth.triangles)[0]
+    diagonal = float(np.linalg.norm(np.ptp(case.points, axis=0)))
+    return np.asarray(np.minimum(distance / (WORST * diagonal), 1.0))
+
+
+def _flipped(case: Case, normals: Array) -> Array | None:
+    if case.truth is None:
+        return None
+    return np.asarray(np.einsum("ij,ij->i", normals, case.truth.normals) <= 0)
+
+
+def _normal_pictures(case: Case, normals: Array) -> dict[str, bytes]:
+    frame = _frame(case)
+    found = {"normals": colors.direction_colors(normals)}
+    flipped = _flipped(case, normals)
+    if flipped is not None:
+        found["flipped"] = colors.side_colors(flipped)
+    return {
+        name: encode_png(raster.draw_points(frame, case.points, color, opaque=True))
+        for name, color in found.items()
+    }
+
+
+def _frame(case: Case) -> raster.Frame:
+    known = case.points if case.truth is None else case.truth.vertices
+    return raster.Frame(case.view, known.min(axis=0), known.max(axis=0), WIDTH, HEIGHT)

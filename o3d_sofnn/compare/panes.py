@@ -1,0 +1,84 @@
+"""What the 3D panes of the report need, as JSON: few bytes a vertex, packed as base64."""
+
+from __future__ import annotations
+
+import base64
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from .evaluate import Look
+    from .report import Scene
+
+Array = NDArray[Any]
+
+STEPS = 65535
+"""Places along each side of the box of a mesh."""
+
+
+def pack(scene: Scene, titles: dict[str, str]) -> dict[str, Any]:
+    """Return one scene: the box that is seen first, and a pane for the input and every method."""
+    first = scene.looks.get("input")
+    boxed = [look for look in (first, *scene.looks.values()) if look is not None]
+    box = boxed[0].vertices if boxed else np.zeros((1, 3))
+    low, high = box.min(axis=0), box.max(axis=0)
+    methods = [*scene.looks, *scene.errors]
+    order = sorted(methods, key=list(titles).index)
+    return {
+        "title": scene.title,
+        "axes": scene.view.axes().ravel().tolist(),
+        "center": (0.5 * (low + high)).tolist(),
+        "radius": float(0.5 * np.linalg.norm(high - low)),
+        "dots": None if first is None else _places(first.vertices),
+        "panes": [
+            {"method": method, "title": titles[method], "facts": scene.facts.get(method)}
+            | (
+                _pane(scene.looks[method])
+                if method in scene.looks
+                else {"error": scene.errors[method]}
+            )
+            for method in order
+        ],
+    }
+
+
+def _pane(look: Look) -> dict[str, Any]:
+    cloud = not len(look.triangles)
+    wide = len(look.vertices) > STEPS
+    pane: dict[str, Any] = {
+        # The points of a cloud are the dots of the scene.
+        "mesh": None
+        if cloud
+        else {
+            **_places(look.vertices),
+            "triangles": _text(look.triangles, np.uint32 if wide else np.uint16),
+            "wide": wide,
+            "errors": _text(np.rint(255.0 * look.errors), np.uint8),
+        },
+        "pictures": {
+            name: "data:image/png;base64," + base64.b64encode(data).decode("ascii")
+            for name, data in look.pictures.items()
+        },
+    }
+    if look.normals is not None:
+        pane["normals"] = _text(np.rint(127.0 * look.normals), np.int8)
+    if look.flipped is not None:
+        pane["flipped"] = _text(look.flipped, np.uint8)
+    return pane
+
+
+def _places(vertices: Array) -> dict[str, Any]:
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    span = np.maximum(high - low, 1e-300)
+    return {
+        "low": low.tolist(),
+        "span": span.tolist(),
+        "places": _text(np.rint(STEPS * (vertices - low) / span), np.uint16),
+    }
+
+
+def _text(values: Array, kind: Any) -> str:
+    data = np.ascontiguousarray(values).astype(np.dtype(kind).newbyteorder("<"))
+    return base64.b64encode(data.tobytes()).decode("ascii")

@@ -1,0 +1,139 @@
+"""Our operator and what Open3D users have instead: points without normals in, a mesh out.
+
+The peers of MeshLab are in ``meshlab_sofnn.peers``: this package never imports PyMeshLab.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from o3d_sofnn import adapters, operators
+
+Array = NDArray[Any]
+
+NEIGHBORS = 30
+"""Of the normals, and of the graph along which they are oriented."""
+DEPTH = 9
+"""Octree depth of Poisson reconstruction."""
+BALLS = (1.5, 3.0, 6.0)
+"""Radii of ball pivoting, over the mean distance of neighbouring points."""
+ALPHA = 4.0
+"""Radius of the alpha shape, over the mean distance of neighbouring points."""
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """What a method makes of points.
+
+    Attributes
+    ----------
+    vertices : (m, 3) float64
+        All in use.
+    triangles : (f, 3) int64
+        Vertex indices.
+    normals : (n, 3) float64, optional
+        At the points, oriented; None when the method has none.
+    """
+
+    vertices: Array
+    triangles: Array
+    normals: Array | None
+
+    @classmethod
+    def of(cls, vertices: Array, triangles: Array, normals: Array | None) -> Mesh:
+        """Return copies in C order, without the vertices that no triangle uses.
+
+        Raises
+        ------
+        RuntimeError
+            There are no triangles.
+        """
+        if not len(triangles):
+            raise RuntimeError("the mesh has no triangles")
+        kept, compact = np.unique(triangles, return_inverse=True)
+        return cls(
+            np.array(vertices[kept], dtype=np.float64, order="C"),
+            compact.reshape(-1, 3).astype(np.int64),
+            None if normals is None else np.array(normals, dtype=np.float64, order="C"),
+        )
+
+
+def ours(points: Array) -> Mesh:
+    """Run this package with its defaults."""
+    mesh, details = operators.reconstruct_surface(_cloud(points), return_details=True)
+    return _from_open3d(mesh, details.normals.normals)
+
+
+def open3d_poisson(points: Array) -> Mesh:
+    """Run Open3D's chain: plane normals, tangent-plane orientation, Poisson."""
+    pcd = _oriented(points)
+    geometry = adapters.import_open3d().geometry
+    mesh, _ = geometry.TriangleMesh.create_from_point_cloud_poisson(pcd, depth=DEPTH)
+    return _from_open3d(mesh, pcd.normals)
+
+
+def open3d_ball_pivoting(points: Array) -> Mesh:
+    """Run Open3D's chain with ball pivoting."""
+    o3d = adapters.import_open3d()
+    pcd = _oriented(points)
+    radii = o3d.utility.DoubleVector([ball * _spacing(pcd) for ball in BALLS])
+    mesh = o3d.geometry.TriangleMesh.create_from_point_cloud_ball_pivoting(pcd, radii)
+    return _from_open3d(mesh, pcd.normals)
+
+
+def open3d_alpha_shape(points: Array) -> Mesh:
+    """Run Open3D's alpha shape, which needs no normals."""
+    pcd = _cloud(points)
+    alpha = ALPHA * _spacing(pcd)
+    geometry = adapters.import_open3d().geometry
+    mesh = geometry.TriangleMesh.create_from_point_cloud_alpha_shape(pcd, alpha)
+    return _from_open3d(mesh, None)
+
+
+def plane_normals(points: Array) -> Array:
+    """Return the normals of Open3D's planes, (n, 3), on the sides where they happen to be."""
+    geometry = adapters.import_open3d().geometry
+    pcd = _cloud(points)
+    pcd.estimate_normals(geometry.KDTreeSearchParamKNN(NEIGHBORS))
+    return np.array(pcd.normals)
+
+
+def simplify(mesh: Mesh, count: int) -> Mesh:
+    """Return a mesh of about ``count`` triangles of the same shape, for a quick look."""
+    if len(mesh.triangles) <= count:
+        return mesh
+    o3d = adapters.import_open3d()
+    full = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(mesh.vertices),
+        o3d.utility.Vector3iVector(mesh.triangles.astype(np.int32)),
+    )
+    return _from_open3d(full.simplify_quadric_decimation(count), None)
+
+
+def _cloud(points: Array) -> Any:
+    o3d = adapters.import_open3d()
+    return o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
+
+
+def _oriented(points: Array) -> Any:
+    geometry = adapters.import_open3d().geometry
+    pcd = _cloud(points)
+    pcd.estimate_normals(geometry.KDTreeSearchParamKNN(NEIGHBORS))
+    pcd.orient_normals_consistent_tangent_plane(NEIGHBORS)
+    return pcd
+
+
+def _spacing(pcd: Any) -> float:
+    return float(np.mean(pcd.compute_nearest_neighbor_distance()))
+
+
+def _from_open3d(mesh: Any, normals: Any) -> Mesh:
+    return Mesh.of(
+        np.asarray(mesh.vertices),
+        np.asarray(mesh.triangles),
+        None if normals is None else np.asarray(normals),
+    )

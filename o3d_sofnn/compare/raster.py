@@ -1,0 +1,221 @@
+"""Pictures of points and meshes by plain array code: no graphics library, no screen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+SUPERSAMPLING = 2
+"""Samples along each side of a pixel."""
+MARGIN = 1.08
+"""Of the picture about the box that must be seen, as a factor."""
+NEAR, FAR = np.array([0.20, 0.33, 0.58]), np.array([0.72, 0.78, 0.87])
+"""Colours of points without colours of their own."""
+BACK = np.array([0.80, 0.42, 0.34])
+"""Colour of the backs of triangles."""
+LIGHT = np.array([0.35, 0.45, 0.82])
+"""Direction to the light in the frame of the viewer: right, up, toward."""
+MOST_SAMPLES = 4_000_000
+"""Samples of triangles that are in memory at a time."""
+
+
+@dataclass(frozen=True)
+class View:
+    """Where the viewer stands: ``toward`` leads from the object to the eye, ``up`` is up."""
+
+    toward: tuple[float, float, float] = (0.6, -1.0, 0.45)
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+    def axes(self) -> Array:
+        """Return right, up and toward as the rows of an orthonormal matrix."""
+        toward = np.asarray(self.toward) / np.linalg.norm(self.toward)
+        right = np.cross(self.up, toward)
+        right /= np.linalg.norm(right)
+        return np.stack([right, np.cross(toward, right), toward])
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A view of a box, and the size of the picture in pixels.
+
+    Attributes
+    ----------
+    view : View
+        From where.
+    low, high : (3,) float64
+        Corners of the box that must be seen, in the coordinates of the points.
+    width, height : int
+        Of the picture.
+    """
+
+    view: View
+    low: Array
+    high: Array
+    width: int = 480
+    height: int = 400
+
+    def project(self, points: Array) -> Array:
+        """Return columns and rows in pixels from the upper left corner, and depth, (n, 3)."""
+        axes = self.view.axes()
+        corners = np.stack(np.meshgrid(*np.stack([self.low, self.high], 1)), -1).reshape(-1, 3)
+        seen = corners @ axes.T
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        extent = MARGIN * np.maximum(high - low, 1e-12 * np.abs(seen).max() + 1e-300)
+        scale = min(self.width / extent[0], self.height / extent[1])
+        local = (points @ axes.T - 0.5 * (low + high)) * scale
+        return np.column_stack(
+            [0.5 * self.width + local[:, 0], 0.5 * self.height - local[:, 1], local[:, 2]]
+        )
+
+
+def draw_mesh(frame: Frame, vertices: Array, triangles: Array, colors: Array) -> NDArray[np.uint8]:
+    """Draw a mesh, its backs in one colour.
+
+    Parameters
+    ----------
+    frame : Frame
+        View and size.
+    vertices : (m, 3) float64
+        In any unit.
+    triangles : (f, 3) integer
+        Vertex indices.
+    colors : (m, 3) float64
+        Red, green, blue from 0 to 1 at the vertices.
+
+    Returns
+    -------
+    numpy.ndarray, shape (height, width, 4), uint8
+        Red, green, blue, opacity.
+    """
+    size = SUPERSAMPLING
+    place = frame.project(vertices)
+    place[:, :2] *= size
+    width, height = size * frame.width, size * frame.height
+    depth = np.full(width * height, -np.inf)
+    picture = np.zeros((width * height, 4))
+    corners = place[triangles]
+    low, high = corners[:, :, :2].min(axis=1), corners[:, :, :2].max(axis=1)
+    seen = (high > 0).all(axis=1) & (low < [width, height]).all(axis=1)
+    triangles, corners = triangles[seen], corners[seen]
+    shaded = _shade(corners, colors[triangles])
+    # Steps of at most one sample along every side, in classes of equal numbers of steps.
+    extent = np.ptp(corners[:, :, :2], axis=1).max(axis=1)
+    steps = 2 ** np.ceil(np.log2(np.clip(extent, 1.0, 2.0 * width))).astype(int)
+    for count in np.unique(steps):
+        weights = _barycentric(count)
+        own = np.flatnonzero(steps == count)
+        part = max(1, MOST_SAMPLES // len(weights))
+        for start in range(0, len(own), part):
+            rows = own[start : start + part]
+            _deposit(
+                depth,
+                picture,
+                (width, height),
+                np.einsum("sk,fkc->fsc", weights, corners[rows]).reshape(-1, 3),
+                np.einsum("sk,fkc->fsc", weights, shaded[rows]).reshape(-1, 3),
+            )
+    return _reduce(picture.reshape(height, width, 4), size)
+
+
+def draw_points(frame: Frame, points: Array, colors: Array, *, opaque: bool) -> NDArray[np.uint8]:
+    """Draw points as discs.
+
+    Parameters
+    ----------
+    frame : Frame
+        View and size.
+    points : (n, 3) float64
+        In any unit.
+    colors : (n, 3) float64
+        Red, green, blue from 0 to 1.
+    opaque : bool
+        Whether the discs are so large that the near side hides the far one.
+
+    Returns
+    -------
+    numpy.ndarray, shape (height, width, 4), uint8
+        Red, green, blue, opacity.
+    """
+    size = SUPERSAMPLING
+    place = frame.project(points)
+    place[:, :2] *= size
+    width, height = size * frame.width, size * frame.height
+    area = 0.5 * frame.width * frame.height
+    spacing = np.sqrt(area / max(len(points), 1))
+    radius = size * float(np.clip((1.7 if opaque else 0.5) * spacing, 0.6, 8.0))
+    steps = np.arange(-int(radius), int(radius) + 1)
+    shift = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
+    shift = shift[(shift**2).sum(axis=1) <= radius**2]
+    depth = np.full(width * height, -np.inf)
+    picture = np.zeros((width * height, 4))
+    part = max(1, MOST_SAMPLES // len(shift))
+    for start in range(0, len(points), part):
+        rows = slice(start, start + part)
+        samples = np.repeat(place[rows, None], len(shift), axis=1)
+        samples[:, :, :2] += shift
+        _deposit(
+            depth,
+            picture,
+            (width, height),
+            samples.reshape(-1, 3),
+            np.repeat(colors[rows], len(shift), axis=0),
+        )
+    return _reduce(picture.reshape(height, width, 4), size)
+
+
+def depth_colors(frame: Frame, points: Array) -> Array:
+    """Return colours that are paler with the distance: the far side shows through between."""
+    depth = points @ frame.view.axes()[2]
+    near, far = np.quantile(depth, [0.98, 0.02])
+    share = np.clip((near - depth) / max(near - far, 1e-300), 0.0, 1.0)[:, None]
+    return np.asarray((1.0 - share) * NEAR + share * FAR)
+
+
+def _shade(corners: Array, colors: Array) -> Array:
+    """Return the lit colours at the corners of triangles in the frame of the viewer."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    normals = np.cross(b - a, c - a) * [1.0, -1.0, 1.0]
+    # Rows grow downwards, which mirrors the picture and turns the normals.
+    normals = -normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    back = normals[:, 2] < 0
+    lit = np.abs(normals @ (LIGHT / np.linalg.norm(LIGHT)))
+    own = np.where(back[:, None, None], BACK, colors)
+    return np.asarray(own * (0.45 + 0.6 * lit)[:, None, None])
+
+
+def _barycentric(count: int) -> Array:
+    """Return weights of the corners for places at most 1 / count of a side apart."""
+    i, j = np.meshgrid(np.arange(count + 1), np.arange(count + 1), indexing="ij")
+    inside = i + j <= count
+    u, v = i[inside] / count, j[inside] / count
+    return np.column_stack([1.0 - u - v, u, v])
+
+
+def _deposit(
+    depth: Array, picture: Array, size: tuple[int, int], samples: Array, colors: Array
+) -> None:
+    """Write the samples that are nearer than what is there."""
+    width, height = size
+    column, row = np.floor(samples[:, 0]).astype(int), np.floor(samples[:, 1]).astype(int)
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    pixel = (row * width + column)[inside]
+    nearness = samples[inside, 2]
+    before = depth[pixel]
+    np.maximum.at(depth, pixel, nearness)
+    wins = (nearness == depth[pixel]) & (nearness > before)
+    picture[pixel[wins], :3] = colors[inside][wins]
+    picture[pixel[wins], 3] = 1.0
+
+
+def _reduce(picture: Array, size: int) -> NDArray[np.uint8]:
+    """Return the mean over blocks of samples; colours count where there is something."""
+    height, width = picture.shape[0] // size, picture.shape[1] // size
+    picture[:, :, :3] *= picture[:, :, 3:]
+    mean = picture.reshape(height, size, width, size, 4).mean(axis=(1, 3))
+    mean[:, :, :3] /= np.maximum(mean[:, :, 3:], 1e-12)
+    return np.asarray(np.rint(255.0 * np.clip(mean, 0.0, 1.0)), np.uint8)

@@ -1,0 +1,237 @@
+"""One HTML file that opens offline: panes that turn together, charts, tables."""
+
+from __future__ import annotations
+
+import html
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from . import charts, colors, panes
+from .evaluate import METHODS, WORST, Look
+from .measure import FIGURES
+from .raster import View
+
+Row = dict[str, Any]
+
+TITLES = {
+    "input": "input",
+    "ours": "o3d_sofnn",
+    "open3d_poisson": "Open3D Poisson",
+    "open3d_ball_pivoting": "Open3D ball pivoting",
+    "open3d_alpha_shape": "Open3D alpha shape",
+    "meshlab_poisson": "MeshLab screened Poisson",
+    "meshlab_ball_pivoting": "MeshLab ball pivoting",
+    "meshlab_rimls": "MeshLab RIMLS",
+}
+"""Of methods, and of the pane of the points."""
+SMALLER_IS_BETTER = {
+    *("seconds", "peak_mb", "input_mean", "input_max", "chamfer", "hausdorff", "flipped")
+}
+LARGER_IS_BETTER = {"f_score", "normal_consistency"}
+YES_OR_NO = ("watertight", "manifold")
+WHOLE = ("triangles", "components", "holes", "runs", "failed", "peak_mb", "points")
+TEXTS = ("input", "method")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What there is to see of one cloud.
+
+    Attributes
+    ----------
+    title : str
+        Of the cloud.
+    view : View
+        From where it is seen first.
+    looks : dict of str to Look
+        Of the methods, and of the "input".
+    errors : dict of str to str
+        Messages of the methods that failed.
+    facts : dict of str to str
+        A few figures of the others.
+    """
+
+    title: str
+    view: View
+    looks: dict[str, Look] = field(default_factory=dict)
+    errors: dict[str, str] = field(default_factory=dict)
+    facts: dict[str, str] = field(default_factory=dict)
+
+    def add(self, row: Row, look: Look | None) -> None:
+        """Take the result of a method."""
+        if look is None:
+            self.errors[row["method"]] = row["error"]
+            return
+        key = "input_mean" if row.get("chamfer") is None else "chamfer"
+        self.looks[row["method"]] = look
+        self.facts[row["method"]] = (
+            f"{show('seconds', row['seconds'])} s, {FIGURES[key]} {show(key, row[key])}"
+        )
+
+
+def write(path: Path, rows: list[Row], scenes: list[Scene], note: str = "") -> None:
+    """Write the report, and its charts as SVG files beside it.
+
+    Parameters
+    ----------
+    path : Path
+        The HTML file.
+    rows : list of dict
+        Keys ``run.COLUMNS``; None where there is no number.
+    scenes : list of Scene
+        For the panes.
+    note : str, optional
+        A sentence above everything.
+    """
+    methods = list(dict.fromkeys(row["method"] for row in rows))
+    drawn = {chart: charts.draw(chart, rows, list(METHODS), TITLES) for chart in charts.CHARTS}
+    for chart, svg in drawn.items():
+        if svg:
+            file = path.with_name(f"{chart.name}.svg")
+            file.write_text(_standalone(svg), encoding="utf-8")
+    figures = [key for key in FIGURES if any(row.get(key) is not None for row in rows)]
+    parts = {
+        "style": _asset("report.css"),
+        "note": f'<p class="note">{html.escape(note)}</p>' if note else "",
+        "failures": _failures(rows),
+        "legend": "".join(
+            f'<span class="m{list(METHODS).index(method)}">{html.escape(TITLES[method])}</span>'
+            for method in methods
+        ),
+        "charts": "".join(
+            f"<figure><figcaption>{html.escape(chart.title)}</figcaption>{svg}</figure>"
+            for chart, svg in drawn.items()
+            if svg
+        ),
+        "summary": _table("summary", ["method", "runs", "failed", *figures], summarise(rows)),
+        "results": _table("results", ["input", "points", "noise", "method", *figures], rows),
+        "heat": ", ".join(f"rgb{color}" for color in colors.HEAT),
+        "worst": f"{1000 * WORST:g}",
+        "scenes": json.dumps(
+            {"heat": colors.HEAT, "scenes": [panes.pack(scene, TITLES) for scene in scenes]},
+            separators=(",", ":"),
+        ).replace("<", "\\u003c"),
+        "viewer": _asset("viewer.js"),
+        "script": _asset("report.js"),
+    }
+    page = _asset("report.html")
+    for name, text in parts.items():
+        page = page.replace("{{" + name + "}}", text)
+    path.write_text(page, encoding="utf-8")
+
+
+def summarise(rows: Iterable[Row]) -> list[Row]:
+    """Return one row a method: medians of its figures, shares of yes for yes-or-no figures."""
+    rows = list(rows)
+    summary = []
+    for method in dict.fromkeys(row["method"] for row in rows):
+        own = [row for row in rows if row["method"] == method]
+        good = [row for row in own if not row["error"]]
+        line: Row = {"method": method, "error": "" if good else "failed on every cloud"}
+        line |= {"runs": len(own), "failed": len(own) - len(good)}
+        for key in FIGURES:
+            values = [row[key] for row in good if row.get(key) is not None]
+            if values:
+                line[key] = sum(values) / len(values) if key in YES_OR_NO else median(values)
+        summary.append(line)
+    return summary
+
+
+def _asset(name: str) -> str:
+    return resources.files(__package__).joinpath("page", name).read_text(encoding="utf-8")
+
+
+def _standalone(svg: str) -> str:
+    """Return a chart that is a file of its own, on white."""
+    style = "text{font:11px sans-serif}polyline{fill:none;stroke-width:2}.grid{stroke:#ddd}"
+    for k, color in enumerate(charts.COLORS):
+        style += f".m{k} polyline{{stroke:{color}}}.m{k} circle{{fill:{color}}}"
+    head = '<svg xmlns="http://www.w3.org/2000/svg" style="background:#fff" '
+    first, rest = svg.removeprefix("<svg ").split(">", 1)
+    return f"{head}{first}><style>{style}</style>{rest}"
+
+
+def failures(rows: Iterable[Row]) -> list[str]:
+    """Return a line for every failure: cloud, method, message; one for what could not be read."""
+    lines = []
+    for row in rows:
+        if row["error"]:
+            points = "" if row["points"] is None else f", {row['points']:,} points"
+            noise = "" if row["noise"] is None else f", {row['noise']:g} % noise"
+            method = "" if row["points"] is None else f"{TITLES[row['method']]}: "
+            lines.append(f"{row['input']}{points}{noise}: {method}{row['error']}")
+    return list(dict.fromkeys(lines))
+
+
+def _failures(rows: list[Row]) -> str:
+    failed = sum(bool(row["error"]) for row in rows)
+    if not failed:
+        return ""
+    lines = "".join(f"<li>{html.escape(line)}</li>" for line in failures(rows))
+    return (
+        f'<details class="failures"><summary>{failed} of {len(rows)} runs failed</summary>'
+        f"<ul>{lines}</ul></details>"
+    )
+
+
+def _table(name: str, columns: list[str], rows: list[Row]) -> str:
+    titles = "".join(
+        f'<th scope="col" data-key="{key}"{" class=text" if key in TEXTS else ""}>'
+        f'<button type="button">{html.escape(FIGURES.get(key, _HEADS.get(key, key)))}</button></th>'
+        for key in columns
+    )
+    body = "\n".join(_line(row, columns, rows) for row in rows)
+    return (
+        f'<div class="scroll" tabindex="0"><table id="{name}"><thead><tr>{titles}</tr></thead>'
+        f"<tbody>\n{body}\n</tbody></table></div>"
+    )
+
+
+_HEADS = {"noise": "noise, %"}
+
+
+def _line(row: Row, columns: list[str], rows: list[Row]) -> str:
+    own = ("input", "points", "noise")
+    rivals = [
+        other
+        for other in rows
+        if not other["error"] and all(other.get(key) == row.get(key) for key in own)
+    ]
+    cells = []
+    for place, key in enumerate(columns):
+        if row["error"] and key in FIGURES:
+            message = html.escape(row["error"])
+            span = len(columns) - place
+            cells.append(f'<td class="failed" colspan="{span}">failed: {message}</td>')
+            break
+        cells.append(_cell(key, row.get(key), rivals))
+    kind = ' class="ours"' if row["method"] == "ours" else ""
+    return f"<tr{kind}>{''.join(cells)}</tr>"
+
+
+def _cell(key: str, value: Any, rivals: list[Row]) -> str:
+    if value is None:
+        return '<td data-value="">–</td>'
+    if key in TEXTS:
+        shown = TITLES[value] if key == "method" else value
+        return f'<td class="text" data-value="{html.escape(value)}">{html.escape(shown)}</td>'
+    known = [rival[key] for rival in rivals if rival.get(key) is not None]
+    best = (key in SMALLER_IS_BETTER and value <= min(known)) or (
+        key in LARGER_IS_BETTER and value >= max(known)
+    )
+    kind = ' class="best"' if best and len(known) > 1 else ""
+    return f'<td{kind} data-value="{value!r}">{show(key, value)}</td>'
+
+
+def show(key: str, value: float) -> str:
+    """Return a figure as people read it."""
+    if key in YES_OR_NO:
+        return {0.0: "no", 1.0: "yes"}.get(value, f"{100 * value:.0f} %")
+    if key in WHOLE:
+        return f"{value:,.0f}"
+    return f"{value:.3g}" if abs(value) < 100 else f"{value:.0f}"

@@ -1,0 +1,183 @@
+"""The comparison as a whole: all inputs, all methods, figures and report as they come in."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from o3d_sofnn.progress import NoProgress, ProgressCallback, rescale
+
+from . import cases, report
+from .cases import Case, Ladder, Source
+from .evaluate import METHODS, Evaluation, Look, before, evaluate
+from .isolated import call
+from .measure import FIGURES
+
+Row = dict[str, Any]
+
+COLUMNS = ("input", "points", "noise", "method", "error", *FIGURES)
+"""Of the CSV file."""
+SAMPLES = 50_000
+QUICK_SAMPLES = 10_000
+"""Points drawn from either surface for the comparison with the truth."""
+PATIENT = {"OMP_WAIT_POLICY": "PASSIVE"}
+"""Threads of OpenMP that wait at a barrier sleep: on a busy machine they would delay each other."""
+ALL_TRIANGLES = 600_000
+FEWEST_TRIANGLES, MOST_TRIANGLES = 4_000, 30_000
+"""In the panes of a report together, and in one of them: for a file of some ten megabytes."""
+
+
+@dataclass
+class Result:
+    """What is known so far.
+
+    Attributes
+    ----------
+    rows : list of dict
+        One a method and cloud, with the keys ``COLUMNS``; "" or None where there is no figure.
+    scenes : list of report.Scene
+        What there is to see, one a cloud.
+    report : Path
+        The page.
+    """
+
+    rows: list[Row] = field(default_factory=list)
+    scenes: list[report.Scene] = field(default_factory=list)
+    report: Path = Path()
+
+
+def run(
+    inputs: Sequence[Source],
+    output: Path,
+    *,
+    methods: Sequence[str] = tuple(METHODS),
+    ladder: Ladder | None = None,
+    timeout: float = 180.0,
+    quick: bool = False,
+    progress: ProgressCallback | None = None,
+) -> Result:
+    """Run all methods on all inputs, and write ``results.csv``, pictures and ``report.html``.
+
+    Parameters
+    ----------
+    inputs : sequence of Source
+        Scans and models.
+    output : Path
+        A folder; made when it is missing.
+    methods : sequence of str
+        Of ``METHODS``.
+    ladder : Ladder, optional
+        Numbers of points, and noise.
+    timeout : float, default 180
+        Seconds for one method on one cloud, with measuring.
+    quick : bool, default False
+        Coarser figures.
+    progress : callable, optional
+        Called with the fraction done and what is being done.
+
+    Returns
+    -------
+    Result
+        A method that fails, or an input that cannot be read, is a row with an ``error``.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        After Ctrl-C, when the report on what was finished is written.
+    """
+    output.mkdir(parents=True, exist_ok=True)
+    progress = progress or NoProgress()
+    ladder = ladder or Ladder()
+    result = Result(report=output / "report.html")
+    steps = sum(cases.count(source, ladder) for source in inputs) * len(methods)
+    job = _Job(
+        output,
+        tuple(methods),
+        timeout,
+        QUICK_SAMPLES if quick else SAMPLES,
+        min(max(ALL_TRIANGLES // max(steps, 1), FEWEST_TRIANGLES), MOST_TRIANGLES),
+    )
+    note = ""
+    try:
+        done = 0
+        for source in inputs:
+            whole = cases.count(source, ladder) * len(methods)
+            for number, case in enumerate(_read(source, ladder, job, result)):
+                base = done + number * len(methods)
+                share = rescale(progress, base / steps, (base + len(methods)) / steps)
+                _compare(case, job, result, share)
+            done += whole
+    except KeyboardInterrupt:
+        note = "Interrupted: this is what was finished."
+        raise
+    finally:
+        if result.rows:
+            _write_csv(output / "results.csv", result.rows)
+            report.write(result.report, result.rows, result.scenes, note)
+    return result
+
+
+@dataclass(frozen=True)
+class _Job:
+    output: Path
+    methods: tuple[str, ...]
+    timeout: float
+    samples: int
+    triangles: int
+
+
+def _read(source: Source, ladder: Ladder, job: _Job, result: Result) -> Iterator[Case]:
+    try:
+        yield from cases.cases(source, ladder)
+    except (OSError, ValueError, ImportError, RuntimeError) as error:
+        message = f"not read: {' '.join(str(error).split())}"
+        result.rows += [_row(source.name, None, None, method, message) for method in job.methods]
+
+
+def _compare(case: Case, job: _Job, result: Result, progress: ProgressCallback) -> None:
+    scene = report.Scene(case.title, case.view)
+    result.scenes.append(scene)
+    progress(0.0, case.title)
+    first = call(before, case, timeout=job.timeout)
+    if first.error is None:
+        scene.looks["input"] = first.value
+        _write_pictures(case, "input", first.value, job.output)
+    for k, method in enumerate(job.methods):
+        progress(k / len(job.methods), f"{case.title}: {method}")
+        outcome = call(
+            evaluate,
+            case,
+            method,
+            job.samples,
+            job.triangles,
+            timeout=job.timeout,
+            environment=PATIENT,
+        )
+        row = _row(case.input, len(case.points), case.noise, method, outcome.error or "")
+        found: Evaluation | None = outcome.value
+        if found is not None:
+            row |= found.figures
+            _write_pictures(case, method, found.look, job.output)
+        result.rows.append(row)
+        scene.add(row, None if found is None else found.look)
+        _write_csv(job.output / "results.csv", result.rows)
+
+
+def _row(name: str, points: int | None, noise: float | None, method: str, error: str) -> Row:
+    return {"input": name, "points": points, "noise": noise, "method": method, "error": error}
+
+
+def _write_pictures(case: Case, method: str, look: Look, output: Path) -> None:
+    for kind, data in look.pictures.items():
+        suffix = "" if kind == "surface" else f"-{kind}"
+        (output / f"{case.name}-{method}{suffix}.png").write_bytes(data)
+
+
+def _write_csv(path: Path, rows: list[Row]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, COLUMNS)
+        writer.writeheader()
+        writer.writerows(rows)
