@@ -9,13 +9,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import demo
 import inputs
 import pictures
 from inputs import Cloud
-from isolated import call
 from reconstruction import Result, reconstruct
 
-HERE = Path(__file__).parent
+from o3d_sofnn.compare.isolated import call
+
 PICTURE_BYTES = 120_000
 
 
@@ -55,64 +56,45 @@ CASES = {
 
 
 def main() -> int:
-    """Draw the gallery; 0 when every case succeeded, 1 when one failed, 130 after Ctrl-C."""
+    """Draw the gallery and return the exit code, see :func:`demo.work`."""
     args = _arguments()
-    output = (HERE.parent / "docs" / "gallery" if args.docs else args.output).resolve()
-    output.mkdir(parents=True, exist_ok=True)
+    output = (demo.HERE.parent / "docs" / "gallery" if args.docs else args.out).resolve()
     count = 4_000 if args.quick else 20_000
-    rows = ["| input | code | points and mesh |", "| --- | --- | --- |"]
-    failures = 0
-    try:
-        for number, (name, case) in enumerate(CASES.items(), start=1):
-            print(f"[{number}/{len(CASES)}] {name}", flush=True)
-            error, code = _run(case, count, output / f"{name}.png", args.timeout)
-            failures += error is not None
-            print(f"  failed: {error}" if error else f"  {output / name}.png")
-            if not error:
-                rows.append(f"| {case.text} | `{code}` | ![{name}](docs/gallery/{name}.png) |")
-    except KeyboardInterrupt:
-        print(f"\ninterrupted; what was finished is in {output}", file=sys.stderr)
-        return 130
-    print("\n".join(["", *rows]))
-    return 1 if failures else 0
+    rows: list[str] = []
+    jobs = {
+        name: lambda name=name, case=case: rows.append(
+            _run(name, case, count, output, args.timeout)
+        )
+        for name, case in CASES.items()
+    }
+    return demo.work(jobs, output, lambda: _table(rows))
 
 
-def _run(case: Case, count: int, picture: Path, timeout: float) -> tuple[str | None, str]:
-    """Return what went wrong (None: nothing) and the line of code."""
-    try:
-        cloud = case.make(count)
-    except Exception as error:  # an input that cannot be read must not end the demo
-        return str(error), ""
-    options = dict(case.options)
-    code = ", ".join(["pcd", *(f"{key}={value}" for key, value in _all(cloud, options).items())])
-    outcome = call(reconstruct, cloud, None, options, timeout=timeout)
-    if outcome.error is None:
-        outcome = call(_draw, outcome.value, picture, timeout=timeout)
-    return outcome.error, f"o3d_sofnn.reconstruct_surface({code})"
+def _run(name: str, case: Case, count: int, output: Path, timeout: float) -> str:
+    """Return the case as a row of the table in the README."""
+    cloud = case.make(count)
+    result: Result = call(reconstruct, cloud, None, case.options, timeout=timeout).get()
+    pictures.draw(
+        output / f"{name}.png",
+        [result.points_panel(), result.mesh_panel()],
+        cloud.view,
+        height=340,
+        max_bytes=PICTURE_BYTES,
+    )
+    print(f"  {output / name}.png")
+    options = case.options if cloud.trim is None else {"trim": cloud.trim, **case.options}
+    code = ", ".join(["pcd", *(f"{key}={value}" for key, value in options.items())])
+    line = f"o3d_sofnn.reconstruct_surface({code})"
+    return f"| {case.text} | `{line}` | ![{name}](docs/gallery/{name}.png) |"
 
 
-def _all(cloud: Cloud, options: dict[str, Any]) -> dict[str, Any]:
-    return options if cloud.trim is None else {"trim": cloud.trim, **options}
-
-
-def _draw(result: Result, picture: Path) -> None:
-    panels = [result.points_panel(), result.mesh_panel()]
-    pictures.draw(picture, panels, result.cloud.view, height=340, max_bytes=PICTURE_BYTES)
+def _table(rows: list[str]) -> None:
+    print("\n".join(["", "| input | code | points and mesh |", "| --- | --- | --- |", *rows]))
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--output",
-        type=Path,
-        default=HERE / "output" / "gallery",
-        help="folder for the pictures (default: %(default)s)",
-    )
-    parser.add_argument("--quick", action="store_true", help="fewer points")
+    parser = demo.parser(__doc__, "gallery", timeout=300.0)
     parser.add_argument("--docs", action="store_true", help="renew docs/gallery instead")
-    parser.add_argument(
-        "--timeout", type=float, default=300.0, help="seconds for one case (default: %(default)g)"
-    )
     return parser.parse_args()
 
 

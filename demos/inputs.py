@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pictures import View
 
 from o3d_sofnn import metrics
+from o3d_sofnn.compare.raster import View
 
 Array = NDArray[Any]
 
@@ -68,6 +68,8 @@ MODELS = {
     "bone": ("bone.ply", View((0.0, 0.3, 1.0), (0.0, 1.0, 0.0))),
 }
 """Closed models of the wheel: file, and from where to look."""
+CHAMELEON_VIEW = View((1.0, 0.25, 0.2), (0.0, 1.0, 0.0))
+FACE_VIEW = View((0.25, 0.05, 1.0), (0.0, 1.0, 0.0))
 
 
 def sample_folder() -> Path:
@@ -108,13 +110,13 @@ def read_model(name: str) -> tuple[Array, Array, Array | None]:
 def chameleon() -> Cloud:
     """Return 4594 coloured points of a chameleon, in a format that Open3D does not read."""
     points, _, colors = read_model("chameleon.pts")
-    return Cloud("chameleon", points, colors, View((1.0, 0.25, 0.2), (0.0, 1.0, 0.0)))
+    return Cloud("chameleon", points, colors, CHAMELEON_VIEW)
 
 
 def face() -> Cloud:
     """Return one range scan of a head, 86 thousand points: an open sheet with holes."""
     points, _, _ = read_model("rangemaps/face000.ply")
-    return Cloud("face", points, view=View((0.25, 0.05, 1.0), (0.0, 1.0, 0.0)), trim=0.5)
+    return Cloud("face", points, view=FACE_VIEW, trim=0.5)
 
 
 def bunny(count: int, seed: int = 0) -> Cloud:

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from inputs import Cloud
 from numpy.typing import NDArray
-from pictures import Panel, direction_colors
+from pictures import Panel
+
+from o3d_sofnn.compare.colors import direction_colors
 
 Array = NDArray[Any]
 
@@ -25,7 +27,7 @@ class Result:
         The input.
     normals : (n, 3) float64
         Of the points.
-    vertices, vertex_normals : (m, 3) float64
+    vertices : (m, 3) float64
         Of the mesh.
     triangles : (f, 3) int32
         Of the mesh.
@@ -41,7 +43,6 @@ class Result:
     normals: Array
     vertices: Array
     triangles: Array
-    vertex_normals: Array
     colors: Array | None
     watertight: bool
     seconds: float
@@ -62,7 +63,7 @@ class Result:
         """Return the mesh as a panel."""
         kind = "closed" if self.watertight else "open"
         caption = f"{kind}, {len(self.triangles):,} triangles"
-        return Panel(caption, self.vertices, self.triangles, self.colors, self.vertex_normals)
+        return Panel(caption, self.vertices, self.triangles, self.colors)
 
 
 def reconstruct(cloud: Cloud, mesh_file: Path | None, options: dict[str, Any]) -> Result:
@@ -97,7 +98,6 @@ def reconstruct(cloud: Cloud, mesh_file: Path | None, options: dict[str, Any]) -
         details.normals.normals,
         np.asarray(mesh.vertices).copy(),
         np.asarray(mesh.triangles).copy(),
-        np.asarray(mesh.vertex_normals).copy(),
         np.asarray(mesh.vertex_colors).copy() if mesh.has_vertex_colors() else None,
         details.watertight,
         seconds,

@@ -27,10 +27,15 @@ QUICK = {"points": 3_000, "noise": [0.0, 1.0], "sizes": [1_000]}
 FULL: dict[str, Any] = {"points": 20_000, "noise": [0.0, 0.5, 1.0], "sizes": [5_000, 50_000]}
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the comparison, without the inputs."""
+def add_options(parser: argparse.ArgumentParser, output: Path | None = None) -> None:
+    """Add the options of the comparison, without the inputs; ``output`` is the default folder."""
     parser.add_argument(
-        "--out", type=Path, required=True, metavar="DIR", help="folder for report, CSV and pictures"
+        "--out",
+        type=Path,
+        required=output is None,
+        default=output,
+        metavar="DIR",
+        help="folder for report, CSV and pictures",
     )
     parser.add_argument(
         "--points",
@@ -127,7 +132,7 @@ def run(args: argparse.Namespace, progress: Progress, inputs: Sequence[Source] =
     for line in failures(result.rows):
         sys.stderr.write(f"failed: {line}\n")
     sys.stdout.write(f"report {result.report.resolve()}\n")
-    return int(any(row["error"] for row in result.rows if row["method"] == "ours"))
+    return int(any(row["error"] for row in result.rows if row["method"] in ("ours", "")))
 
 
 def _count(text: str) -> int:

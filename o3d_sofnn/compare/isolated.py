@@ -42,6 +42,18 @@ class Outcome:
     seconds: float
     peak_mb: float | None
 
+    def get(self) -> Any:
+        """Return the value.
+
+        Raises
+        ------
+        RuntimeError
+            The call failed; the message says how.
+        """
+        if self.error is not None:
+            raise RuntimeError(self.error)
+        return self.value
+
 
 def call(
     function: Callable[..., Any],

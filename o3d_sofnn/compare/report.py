@@ -19,6 +19,7 @@ from .raster import View
 Row = dict[str, Any]
 
 TITLES = {
+    "": "–",
     "input": "input",
     "ours": "o3d_sofnn",
     "open3d_poisson": "Open3D Poisson",
@@ -88,7 +89,7 @@ def write(path: Path, rows: list[Row], scenes: list[Scene], note: str = "") -> N
     note : str, optional
         A sentence above everything.
     """
-    methods = list(dict.fromkeys(row["method"] for row in rows))
+    methods = _methods(rows)
     drawn = {chart: charts.draw(chart, rows, list(METHODS), TITLES) for chart in charts.CHARTS}
     for chart, svg in drawn.items():
         if svg:
@@ -109,7 +110,7 @@ def write(path: Path, rows: list[Row], scenes: list[Scene], note: str = "") -> N
             if svg
         ),
         "summary": _table("summary", ["method", "runs", "failed", *figures], summarise(rows)),
-        "results": _table("results", ["input", "points", "noise", "method", *figures], rows),
+        "results": _table("results", ["method", "input", "points", "noise", *figures], rows),
         "heat": ", ".join(f"rgb{color}" for color in colors.HEAT),
         "worst": f"{1000 * WORST:g}",
         "scenes": json.dumps(
@@ -129,7 +130,7 @@ def summarise(rows: Iterable[Row]) -> list[Row]:
     """Return one row a method: medians of its figures, shares of yes for yes-or-no figures."""
     rows = list(rows)
     summary = []
-    for method in dict.fromkeys(row["method"] for row in rows):
+    for method in _methods(rows):
         own = [row for row in rows if row["method"] == method]
         good = [row for row in own if not row["error"]]
         line: Row = {"method": method, "error": "" if good else "failed on every cloud"}
@@ -140,6 +141,11 @@ def summarise(rows: Iterable[Row]) -> list[Row]:
                 line[key] = sum(values) / len(values) if key in YES_OR_NO else median(values)
         summary.append(line)
     return summary
+
+
+def _methods(rows: Iterable[Row]) -> list[str]:
+    """Return the methods in their order, without the "" of an input that was not read."""
+    return [method for method in dict.fromkeys(row["method"] for row in rows) if method]
 
 
 def _asset(name: str) -> str:
@@ -157,24 +163,24 @@ def _standalone(svg: str) -> str:
 
 
 def failures(rows: Iterable[Row]) -> list[str]:
-    """Return a line for every failure: cloud, method, message; one for what could not be read."""
+    """Return a line for every failure: cloud, method, message."""
     lines = []
     for row in rows:
         if row["error"]:
             points = "" if row["points"] is None else f", {row['points']:,} points"
             noise = "" if row["noise"] is None else f", {row['noise']:g} % noise"
-            method = "" if row["points"] is None else f"{TITLES[row['method']]}: "
+            method = f"{TITLES[row['method']]}: " if row["method"] else ""
             lines.append(f"{row['input']}{points}{noise}: {method}{row['error']}")
-    return list(dict.fromkeys(lines))
+    return lines
 
 
 def _failures(rows: list[Row]) -> str:
-    failed = sum(bool(row["error"]) for row in rows)
+    failed = failures(rows)
     if not failed:
         return ""
-    lines = "".join(f"<li>{html.escape(line)}</li>" for line in failures(rows))
+    lines = "".join(f"<li>{html.escape(line)}</li>" for line in failed)
     return (
-        f'<details class="failures"><summary>{failed} of {len(rows)} runs failed</summary>'
+        f'<details class="failures"><summary>{len(failed)} of {len(rows)} runs failed</summary>'
         f"<ul>{lines}</ul></details>"
     )
 

@@ -81,7 +81,8 @@ def run(
     Returns
     -------
     Result
-        A method that fails, or an input that cannot be read, is a row with an ``error``.
+        A method that fails is a row with an ``error``; so is an input that cannot be read, without
+        a method.
 
     Raises
     ------
@@ -105,7 +106,7 @@ def run(
         done = 0
         for source in inputs:
             whole = cases.count(source, ladder) * len(methods)
-            for number, case in enumerate(_read(source, ladder, job, result)):
+            for number, case in enumerate(_read(source, ladder, result)):
                 base = done + number * len(methods)
                 share = rescale(progress, base / steps, (base + len(methods)) / steps)
                 _compare(case, job, result, share)
@@ -129,12 +130,12 @@ class _Job:
     triangles: int
 
 
-def _read(source: Source, ladder: Ladder, job: _Job, result: Result) -> Iterator[Case]:
+def _read(source: Source, ladder: Ladder, result: Result) -> Iterator[Case]:
     try:
         yield from cases.cases(source, ladder)
     except (OSError, ValueError, ImportError, RuntimeError) as error:
         message = f"not read: {' '.join(str(error).split())}"
-        result.rows += [_row(source.name, None, None, method, message) for method in job.methods]
+        result.rows.append(_row(source.name, None, None, "", message))
 
 
 def _compare(case: Case, job: _Job, result: Result, progress: ProgressCallback) -> None:

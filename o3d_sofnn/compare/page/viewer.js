@@ -214,7 +214,7 @@ const Viewer = (() => {
         gl.drawElements(gl.TRIANGLES, draw.count, draw.wide ? gl.UNSIGNED_INT : gl.UNSIGNED_SHORT, 0);
       } else {
         const space = Math.sqrt(0.4 * width * height / draw.count) * zoom;
-        gl.uniform1f(at("size"), Math.max(1.5, Math.min(draw.fade ? 3 * ratio : 2.2 * space, 40)));
+        gl.uniform1f(at("size"), Math.max(1.5, Math.min(draw.fade ? 3 * ratio : 2.8 * space, 40)));
         gl.uniform1f(at("fade"), draw.fade);
         this.attribute(program, "tint", draw.extra, 3, gl.UNSIGNED_BYTE);
         gl.drawArrays(gl.POINTS, 0, draw.count);
