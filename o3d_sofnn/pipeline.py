@@ -135,6 +135,7 @@ def reconstruct_surface(
     depth: int | None = None,
     voxel_size: float | None = None,
     trim: float | None = None,
+    precision: float | None = None,
     max_nn: int | None = None,
     radius: float | None = None,
     n_threads: int = -1,
@@ -155,6 +156,9 @@ def reconstruct_surface(
         from spacing and noise.
     trim : float, optional
         Remove triangles whose confidence is below this, 0 to 1; the mesh is then open.
+    precision : float, optional
+        Largest residual that the local surfaces shall leave (epsilon of Algorithm 2), in the unit
+        of the points. None takes it from noise and size.
     max_nn, radius, n_threads, progress
         As in :func:`estimate_normals`.
 
@@ -179,7 +183,8 @@ def reconstruct_surface(
     with clock.stage("local surfaces"):
         inliers = np.ascontiguousarray(learned.points[learned.inliers])
         facing, _, residual = infer_normals(rules, inliers, threads, sides=learned.sides)
-        rules, surfaces = local_surfaces(rules, inliers, facing, learned.tree, threads)
+        limit = None if precision is None else precision / learned.extent
+        rules, surfaces = local_surfaces(rules, inliers, facing, learned.tree, threads, limit)
     with clock.stage("field"):
         size = choose_voxel_size(
             learned.points,

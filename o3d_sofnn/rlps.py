@@ -70,6 +70,7 @@ def local_surfaces(
     normals: NDArray[np.float64],
     tree: _kernels.KdTree,
     n_threads: int,
+    precision: float | None = None,
 ) -> tuple[RuleBase, LocalSurfaces]:
     """Reconstruct all units, and divide those that stay above the precision (Algorithm 2, step 3).
 
@@ -78,7 +79,7 @@ def local_surfaces(
 
     Parameters
     ----------
-    rules, points, normals, tree, n_threads
+    rules, points, normals, tree, n_threads, precision
         As in :func:`reconstruct_units`.
 
     Returns
@@ -88,7 +89,7 @@ def local_surfaces(
     surfaces : LocalSurfaces
         One a rule.
     """
-    surfaces = reconstruct_units(rules, points, normals, tree, n_threads)
+    surfaces = reconstruct_units(rules, points, normals, tree, n_threads, precision)
     divide = np.flatnonzero(surfaces.unresolved & (rules.n_neighbors >= 2 * SMALLEST))
     if not len(divide):
         return rules, surfaces
@@ -104,7 +105,7 @@ def local_surfaces(
         sides=infer_normals(rules, centers, n_threads)[0],
         confidence=rules.confidence[divide],
     )
-    finer = reconstruct_units(children, points, normals, tree, n_threads)
+    finer = reconstruct_units(children, points, normals, tree, n_threads, precision)
     return rules.joined(children), surfaces.joined(finer)
 
 
@@ -114,6 +115,7 @@ def reconstruct_units(
     normals: NDArray[np.float64],
     tree: _kernels.KdTree,
     n_threads: int,
+    precision: float | None = None,
 ) -> LocalSurfaces:
     """Refine the local surface of every rule until its points are met.
 
@@ -132,19 +134,25 @@ def reconstruct_units(
         Over `points`.
     n_threads : int
         Threads.
+    precision : float, optional
+        Epsilon of all units, in the unit of `points`. None takes the noise for the limit, and no
+        less than a small part of the radius of the unit.
 
     Returns
     -------
     LocalSurfaces
     """
-    precision = np.maximum(NOISE_PRECISION * rules.noise, SHAPE_PRECISION * rules.radius)
+    if precision is None:
+        limit = np.maximum(NOISE_PRECISION * rules.noise, SHAPE_PRECISION * rules.radius)
+    else:
+        limit = np.full(len(rules.radius), precision)
     terms, n_terms, error, worst = _kernels.reconstruct_units(
         tree,
         points,
         normals,
         rules.view(n_threads),
         rules.n_neighbors,
-        precision,
+        limit,
         n_threads,
     )
     used = np.asarray(n_terms)
@@ -153,6 +161,6 @@ def reconstruct_units(
         used,
         np.asarray(error),
         np.asarray(worst),
-        precision,
+        limit,
         2 * int((used > 0).sum()),
     )
