@@ -1,6 +1,7 @@
 # make demo, make test: what they need from PyPI goes into .venv, nothing else is touched.
 # make system: what they need from Debian or Ubuntu, as root.
 # make meshlab-plugin: the same, and MeshLab's sources from Debian, for the plugin's tests alone.
+# make browser: Chromium, without which the tests of the comparison's report are skipped; as root.
 # make ext: the native module beside its sources, for work on the package without installing it.
 
 PYTHON ?= python3
@@ -10,7 +11,8 @@ BIN := $(VENV)/bin
 # What the wheel is built from: a change here, and only here, means installing again.
 SOURCES := pyproject.toml CMakeLists.txt README.md LICENSE \
 	$(shell find o3d_sofnn filters/meshlab_sofnn -type f \
-		\( -name '*.py' -o -name '*.pyi' -o -name '*.typed' -o -name '*.[ch]pp' \) 2>/dev/null)
+		\( -name '*.py' -o -name '*.pyi' -o -name '*.typed' -o -name '*.[ch]pp' \
+		-o -path '*/page/*' \) 2>/dev/null)
 
 # Debian's MeshLab, whose headers are read, and PyMeshLab of the same release, whose last Python is 3.11.
 PYTHON311 ?= python3.11
@@ -18,11 +20,12 @@ MESHLAB := $(VENV)/build/meshlab
 MESHLAB_TARBALL := http://deb.debian.org/debian/pool/main/m/meshlab/meshlab_2022.02+dfsg1.orig.tar.xz
 MESHLAB_SHA256 := 11da26ec46c3fbbbc806d410a3221542ec21ec13fdcc55d624304600029435fd
 
-.PHONY: help system demo test lint meshlab-plugin ext clean
+.PHONY: help system browser demo test lint meshlab-plugin ext clean
 
 help:
 	@echo "make system  install the system packages (Debian, Ubuntu; as root)"
-	@echo "make demo    reconstruct real scans, write meshes and pictures"
+	@echo "make browser install Chromium, for the tests of the comparison's report (as root)"
+	@echo "make demo    reconstruct scans, write meshes and pictures, compare with other methods"
 	@echo "make test    lint, types, tests of the installed wheel"
 	@echo "make meshlab-plugin"
 	@echo "             download MeshLab's headers, build the native plugin and test it (filters/README.md)"
@@ -33,8 +36,12 @@ system:
 	apt-get update -qq
 	DEBIAN_FRONTEND=noninteractive apt-get install -qq -y g++ python3-venv libusb-1.0-0 libgl1 libegl1 libopengl0 libgomp1
 
+browser:
+	DEBIAN_FRONTEND=noninteractive apt-get install -qq -y chromium
+
 demo: $(VENV)/.demo
-	$(BIN)/python demos/quickstart.py
+	$(BIN)/python demos/quickstart.py --quick
+	$(BIN)/python demos/compare.py --quick
 
 # Tests take the installed package: pytest does not put the source tree on the path.
 test: lint

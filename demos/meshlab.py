@@ -18,11 +18,11 @@ from typing import Any
 
 import inputs
 import numpy as np
-from isolated import call
-from measure import FIGURES, Truth, figures
-from peers import DEPTH, NEIGHBORS, Array, Mesh
 
 from o3d_sofnn import metrics
+from o3d_sofnn.compare.isolated import call
+from o3d_sofnn.compare.measure import FIGURES, Truth, figures
+from o3d_sofnn.compare.peers import DEPTH, NEIGHBORS, Array, Mesh
 
 HERE = Path(__file__).parent
 NOISE = (0.0, 0.005)
@@ -128,14 +128,8 @@ def _apply(
             normals_seconds = seconds
             normals = np.array(ms.current_mesh().vertex_normal_matrix(), order="C")
     mesh = ms.current_mesh()
-    vertices, triangles = mesh.vertex_matrix(), mesh.face_matrix()
-    # Marching cubes on noise can leave vertices without a place, ball pivoting those without use.
-    triangles = triangles[np.isfinite(vertices).all(axis=1)[triangles].all(axis=1)]
-    if not len(triangles):
-        raise RuntimeError("the mesh has no triangles")
-    kept, compact = np.unique(triangles, return_inverse=True)
-    vertices = np.array(vertices[kept], order="C")
-    return Mesh(vertices, compact.reshape(-1, 3), normals), normals_seconds, seconds
+    result = Mesh.of(mesh.vertex_matrix(), mesh.face_matrix(), normals)
+    return result, normals_seconds, seconds
 
 
 def _table(rows: list[dict[str, Any]]) -> Iterator[str]:

@@ -1,7 +1,9 @@
 """Section 5 of the paper, again: Figure 2, Figure 3 and Table 1, with tables "paper / here".
 
-Without arguments the inputs are two crowns from ``dental_shapes``; any two point clouds can be
-given instead, the first for the paper's incisor ("cutting"), the second for its molar.
+Without arguments the inputs are two crowns from ``dental_shapes``; any two files can be given
+instead, the first for the paper's incisor ("cutting"), the second for its molar. Of a file with
+more points than the paper had, as many as there are drawn at random; a mesh with fewer vertices
+is sampled.
 """
 
 from __future__ import annotations
@@ -9,20 +11,25 @@ from __future__ import annotations
 import argparse
 import csv
 import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import demo
 import dental_shapes
 import experiments
 import numpy as np
 import paper_charts
-from experiments import TOLERANCE, Surface
-from isolated import call
+from experiments import Surface
 from numpy.typing import NDArray
+
+from o3d_sofnn.compare import cases
+from o3d_sofnn.compare.isolated import call
 
 Array = NDArray[Any]
 
-HERE = Path(__file__).parent
 PAPER = {"incisor": (3714, 0.7869, 0.3073), "molar": (6179, 0.8973, 0.4875)}
 """Table 1: points, seconds of the traditional method, seconds of the paper's method."""
 TEETH = {"incisor": dental_shapes.incisor, "molar": dental_shapes.molar}
@@ -36,76 +43,131 @@ QUICK_VOXELS = 40
 """Cubes along the diagonal, the same for both methods."""
 
 
-def main() -> int:
-    """Run the experiments; 0 when all succeeded, 1 when one failed, 130 after Ctrl-C."""
-    args = _arguments()
-    output = args.output.resolve()
-    output.mkdir(parents=True, exist_ok=True)
-    failures: list[str] = []
-    try:
-        files = dict(zip(PAPER, args.inputs or [None, None], strict=True))
-        clouds = {name: _load(name, file, max(SIZES)) for name, file in files.items()}
-        teeth = {name: TEETH[name]() for name, file in files.items() if file is None}
-        _figure_2(clouds, QUICK_SIZES if args.quick else SIZES, output, args.timeout, failures)
-        _table_1(clouds, teeth, args, output, failures)
-    except KeyboardInterrupt:
-        print(f"\ninterrupted; what was finished is in {output}", file=sys.stderr)
-        return 130
-    except (OSError, ValueError) as error:
-        print(f"paper: {error}", file=sys.stderr)
-        return 2
-    for failure in failures:
-        print(f"failed: {failure}")
-    print(f"charts, pictures and tables are in {output}")
-    return 1 if failures else 0
+@dataclass
+class Input:
+    """A tooth of the paper, and the points that stand for it here.
+
+    Attributes
+    ----------
+    name : str
+        incisor or molar.
+    file : Path or None
+        Where the points are; None generates them.
+    """
+
+    name: str
+    file: Path | None
+
+    @cached_property
+    def points(self) -> Array:
+        """Points in random order, so that the first n are a thinner cloud."""
+        if self.file is None:
+            tooth = TEETH[self.name]()
+            diagonal = 2.0 * float(np.linalg.norm(tooth.half_size))
+            return tooth.sample(max(SIZES), noise=NOISE * diagonal)
+        found = cases.read(self.file, clouds_only=True)
+        if len(found) < PAPER[self.name][0]:
+            found = experiments.sample(self.file, max(SIZES))
+        return np.random.default_rng(0).permutation(found)[: max(SIZES)]
+
+    @property
+    def tooth(self) -> dental_shapes.Tooth | None:
+        """The true surface, when it is known."""
+        return TEETH[self.name]() if self.file is None else None
 
 
-def _load(name: str, file: Path | None, count: int) -> Array:
-    """Return up to ``count`` points in random order, so that the first n are a thinner cloud."""
-    if file is None:
-        tooth = TEETH[name]()
-        diagonal = 2.0 * float(np.linalg.norm(tooth.half_size))
-        return tooth.sample(count, noise=NOISE * diagonal)
-    from o3d_sofnn import adapters, io
+@dataclass
+class Paper:
+    """The experiments, and what came out so far."""
 
-    points = adapters.read_cloud(io.read_point_cloud(file)).points
-    points = points[np.isfinite(points).all(axis=1)]
-    return np.random.default_rng(0).permutation(points)[:count]
+    output: Path
+    quick: bool
+    timeout: float
+    figure_2: list[dict[str, Any]] = field(default_factory=list)
+    table_1: list[dict[str, Any]] = field(default_factory=list)
 
+    def count(self, source: Input, size: int) -> None:
+        """Figure 2: count points with offset points."""
+        n = min(size, len(source.points))
+        offsets = call(
+            experiments.count_offsets, source.points[:n].copy(), timeout=self.timeout
+        ).get()
+        self.figure_2.append(
+            {
+                "model": source.name,
+                "points": n,
+                "traditional": 3 * n,
+                "ours": n + offsets,
+                "offset_points": offsets,
+            }
+        )
+        _write(self.output / "figure2.csv", self.figure_2)
+        print(f"  {offsets} offset points, {100 * offsets / n:.1f} % of the points")
 
-def _figure_2(
-    clouds: dict[str, Array],
-    sizes: tuple[int, ...],
-    output: Path,
-    timeout: float,
-    failures: list[str],
-) -> None:
-    """Count points with offset points over the size of the input."""
-    rows: list[dict[str, Any]] = []
-    for name, points in clouds.items():
-        for n in sorted({min(n, len(points)) for n in sizes}):
-            print(f"Figure 2: {name}, {n} points", flush=True)
-            outcome = call(experiments.count_offsets, points[:n].copy(), timeout=timeout)
-            if outcome.error:
-                failures.append(f"Figure 2, {name}, {n} points: {outcome.error}")
-                continue
-            rows.append(
-                {
-                    "model": name,
-                    "points": n,
-                    "traditional": 3 * n,
-                    "ours": n + outcome.value,
-                    "offset_points": outcome.value,
-                }
+    def compare(self, source: Input) -> None:
+        """Table 1 and Figure 3: time both methods at the paper's size and draw their surfaces."""
+        n = QUICK[source.name] if self.quick else PAPER[source.name][0]
+        points = source.points[:n].copy()
+        voxels = QUICK_VOXELS if self.quick else VOXELS
+        size = float(np.linalg.norm(np.ptp(points, axis=0))) / voxels
+        surfaces: dict[str, Surface] = {}
+        surfaces["progressive"] = call(
+            experiments.progressive, points, size, timeout=self.timeout
+        ).get()
+        surfaces["variational"] = self._variational(points, size)
+        self.table_1.append(_row(source, points, surfaces))
+        _write(self.output / "table1.csv", self.table_1)
+        paper_charts.figure_3(self.output / f"figure3_{source.name}.png", points, surfaces)
+
+    def _variational(self, points: Array, size: float) -> Surface:
+        """Run the traditional method with the number of BLAS threads that serves it best."""
+        sample = points[:1000].copy()
+        choices: list[tuple[float, dict[str, str]]] = []
+        for choice in ({}, {"OPENBLAS_NUM_THREADS": "1"}):
+            outcome = call(
+                experiments.solution_seconds, sample, timeout=self.timeout, environment=choice
             )
-            _write(output / "figure2.csv", rows)
-    if rows:
-        paper_charts.figure_2(output / "figure2.png", rows)
-        for name in clouds:
-            print(f"  {name}: {_growth([row for row in rows if row['model'] == name])}")
+            choices.append((np.inf if outcome.error else outcome.value, choice))
+        choices.sort(key=lambda pair: pair[0])
+        for _, choice in choices:
+            outcome = call(
+                experiments.variational, points, size, timeout=self.timeout, environment=choice
+            )
+            # Some builds of OpenBLAS crash on a matrix of this size with several threads.
+            if outcome.error is None:
+                break
+        return outcome.get()
+
+    def finish(self) -> None:
+        """Draw Figure 2 and print the tables."""
+        if self.figure_2:
+            paper_charts.figure_2(self.output / "figure2.png", self.figure_2)
+            for name in dict.fromkeys(row["model"] for row in self.figure_2):
+                own = [row for row in self.figure_2 if row["model"] == name]
+                print(f"Figure 2, {name}: {growth(own)}")
+        if self.table_1:
+            table = paper_charts.table(self.table_1, PAPER)
+            (self.output / "table1.md").write_text(table, encoding="utf-8")
+            print(table)
 
 
-def _growth(rows: list[dict[str, Any]]) -> str:
+def main() -> int:
+    """Run the experiments and return the exit code, see :func:`demo.work`."""
+    args = _arguments()
+    paper = Paper(args.out.resolve(), args.quick, args.timeout)
+    sources = [Input(*pair) for pair in zip(PAPER, args.inputs or [None, None], strict=True)]
+    jobs: dict[str, Callable[[], None]] = {}
+    for source in sources:
+        for size in QUICK_SIZES if args.quick else SIZES:
+            jobs[f"Figure 2: {source.name}, {size} points"] = lambda source=source, size=size: (
+                paper.count(source, size)
+            )
+    for source in sources:
+        jobs[f"Table 1, Figure 3: {source.name}"] = lambda source=source: paper.compare(source)
+    return demo.work(jobs, paper.output, paper.finish)
+
+
+def growth(rows: list[dict[str, Any]]) -> str:
     """Say how the number of offset points grows with the number of points."""
     counts = [(row["points"], row["offset_points"]) for row in rows if row["offset_points"] > 0]
     if not counts:
@@ -118,84 +180,28 @@ def _growth(rows: list[dict[str, Any]]) -> str:
     return text
 
 
-def _table_1(
-    clouds: dict[str, Array],
-    teeth: dict[str, dental_shapes.Tooth],
-    args: argparse.Namespace,
-    output: Path,
-    failures: list[str],
-) -> None:
-    """Time both methods at the paper's sizes, and draw their surfaces (Figure 3)."""
-    rows: list[dict[str, Any]] = []
-    quick, timeout = args.quick, args.timeout
-    threads = _best_blas_threads(next(iter(clouds.values())), timeout)
-    for name, points in clouds.items():
-        n = min(QUICK[name] if quick else PAPER[name][0], len(points))
-        points = points[:n].copy()
-        size = float(np.linalg.norm(np.ptp(points, axis=0))) / (QUICK_VOXELS if quick else VOXELS)
-        surfaces: dict[str, Surface] = {}
-        for method in (experiments.variational, experiments.progressive):
-            kind = method.__name__
-            print(f"Table 1: {name}, {n} points, {kind}", flush=True)
-            outcome = call(
-                method,
-                points,
-                size,
-                timeout=timeout,
-                environment=threads if kind == "variational" else None,
-            )
-            if outcome.error:
-                failures.append(f"Table 1, {name}, {kind}: {outcome.error}")
-            else:
-                surfaces[kind] = outcome.value
-        if len(surfaces) == 2:
-            rows.append(_row(name, points, teeth.get(name), surfaces))
-            _write(output / "table1.csv", rows)
-        if surfaces:
-            drawn = call(
-                paper_charts.figure_3,
-                output / f"figure3_{name}.png",
-                points,
-                surfaces,
-                timeout=timeout,
-            )
-            if drawn.error:
-                failures.append(f"Figure 3, {name}: {drawn.error}")
-    table = paper_charts.table(rows, PAPER)
-    (output / "table1.md").write_text(table, encoding="utf-8")
-    print(table)
-
-
-def _best_blas_threads(points: Array, timeout: float) -> dict[str, str]:
-    """Find out which number of BLAS threads serves the traditional method best here."""
-    choices = ({}, {"OPENBLAS_NUM_THREADS": "1"})
-    sample = points[:1000].copy()
-    times = []
-    for choice in choices:
-        outcome = call(
-            experiments.solution_seconds, sample, timeout=timeout, environment=dict(choice)
-        )
-        times.append(np.inf if outcome.error else outcome.value)
-    return dict(choices[int(np.argmin(times))])
-
-
-def _row(
-    name: str, points: Array, tooth: dental_shapes.Tooth | None, surfaces: dict[str, Surface]
-) -> dict[str, Any]:
-    row: dict[str, Any] = {"model": name, "points": len(points)}
+def _row(source: Input, points: Array, surfaces: dict[str, Surface]) -> dict[str, Any]:
+    row: dict[str, Any] = {"model": source.name, "points": len(points)}
     diagonal = np.linalg.norm(np.ptp(points, axis=0))
-    for kind, surface in zip(("traditional", "ours"), surfaces.values(), strict=True):
+    for kind, surface in (
+        ("traditional", surfaces["variational"]),
+        ("ours", surfaces["progressive"]),
+    ):
         for stage in ("normals", "fit", "surface", "total"):
             row[f"{kind}_{stage}_s"] = round(surface.seconds[stage], 4)
         row[f"{kind}_with_offsets"] = surface.n_points
         row[f"{kind}_rms_error"] = _rms(surface.errors)
+        row[f"{kind}_median_error"] = float(f"{np.median(surface.errors):.3g}")
         row[f"{kind}_max_error"] = float(f"{surface.errors.max():.3g}")
-        row[f"{kind}_within_tolerance"] = round(float(np.mean(surface.errors <= TOLERANCE)), 4)
-        row[f"{kind}_true_error"] = (
-            None if tooth is None else _rms(tooth.distance(surface.vertices) / diagonal)
+        row[f"{kind}_within_tolerance"] = round(
+            float(np.mean(surface.errors <= experiments.TOLERANCE)), 4
         )
-    ours, theirs = surfaces["progressive"], surfaces["variational"]
-    row["time_ratio"] = round(ours.seconds["total"] / theirs.seconds["total"], 4)
+        row[f"{kind}_true_error"] = (
+            None
+            if source.tooth is None
+            else _rms(source.tooth.distance(surface.vertices) / diagonal)
+        )
+    row["time_ratio"] = round(row["ours_total_s"] / row["traditional_total_s"], 4)
     return row
 
 
@@ -211,18 +217,8 @@ def _write(path: Path, rows: list[dict[str, Any]]) -> None:
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("inputs", nargs="*", type=Path, help="two point clouds: incisor, molar")
-    parser.add_argument(
-        "--output",
-        type=Path,
-        default=HERE / "output" / "paper",
-        help="folder for charts and tables (default: %(default)s)",
-    )
-    parser.add_argument("--quick", action="store_true", help="a tenth of the paper's sizes")
-    parser.add_argument(
-        "--timeout", type=float, default=600.0, help="seconds for one run (default: %(default)g)"
-    )
+    parser = demo.parser(__doc__, "paper", timeout=600.0)
+    parser.add_argument("inputs", nargs="*", type=Path, help="two files: incisor, molar")
     args = parser.parse_args()
     if len(args.inputs) not in (0, 2):
         parser.error(f"inputs: expected none or two files, got {len(args.inputs)}")

@@ -77,7 +77,9 @@ def draw(
     """
     low, high = panels[0].points.min(axis=0), panels[0].points.max(axis=0)
     across, up, _ = np.ptp(panels[0].points @ view.axes().T, axis=0)
-    width = int(height * np.clip(across / max(up, 1e-12 * across), 0.8, 1.5))
+    wide = float(np.clip(across / max(up, 1e-12 * across), 0.7, 3.0))
+    width = int(height * min(wide, 1.5))
+    height = int(min(height, width / wide))
     frame = Frame(view, low, high, width, height)
     columns = min(columns or len(panels), len(panels))
     rows = -(-len(panels) // columns)
@@ -93,12 +95,12 @@ def draw(
 
 
 def stack(pictures: list[Image.Image]) -> Image.Image:
-    """Return the pictures below each other."""
-    whole = Image.new(
-        "RGB",
-        (max(each.width for each in pictures), sum(each.height for each in pictures)),
-        "white",
-    )
+    """Return the pictures below each other, as wide as the narrowest."""
+    width = min(each.width for each in pictures)
+    pictures = [
+        each.resize((width, each.height * width // each.width), Image.LANCZOS) for each in pictures
+    ]
+    whole = Image.new("RGB", (width, sum(each.height for each in pictures)), "white")
     top = 0
     for picture in pictures:
         whole.paste(picture, (0, top))

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .raster import typical_spacing
+
 if TYPE_CHECKING:
     from .evaluate import Look
     from .report import Scene
@@ -31,7 +33,9 @@ def pack(scene: Scene, titles: dict[str, str]) -> dict[str, Any]:
         "axes": scene.view.axes().ravel().tolist(),
         "center": (0.5 * (low + high)).tolist(),
         "radius": float(0.5 * np.linalg.norm(high - low)),
-        "dots": None if first is None else _places(first.vertices),
+        "dots": None
+        if first is None
+        else {**_places(first.vertices), "spacing": typical_spacing(first.vertices)},
         "panes": [
             {"method": method, "title": titles[method], "facts": scene.facts.get(method)}
             | (

@@ -45,13 +45,17 @@ class Mesh:
 
     @classmethod
     def of(cls, vertices: Array, triangles: Array, normals: Array | None) -> Mesh:
-        """Return copies in C order, without the vertices that no triangle uses.
+        """Return copies in C order, without triangles at infinity and vertices without triangles.
+
+        MeshLab's marching cubes on noise leaves vertices without a place; ball pivoting keeps all
+        points.
 
         Raises
         ------
         RuntimeError
             There are no triangles.
         """
+        triangles = triangles[np.isfinite(vertices).all(axis=1)[triangles].all(axis=1)]
         if not len(triangles):
             raise RuntimeError("the mesh has no triangles")
         kept, compact = np.unique(triangles, return_inverse=True)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 Array = NDArray[Any]
 
@@ -20,6 +21,8 @@ BACK = np.array([0.80, 0.42, 0.34])
 """Colour of the backs of triangles."""
 LIGHT = np.array([0.35, 0.45, 0.82])
 """Direction to the light in the frame of the viewer: right, up, toward."""
+LARGE = 64
+"""Extent in samples above which a triangle is filled by itself."""
 MOST_SAMPLES = 4_000_000
 """Samples of triangles that are in memory at a time."""
 
@@ -61,16 +64,25 @@ class Frame:
 
     def project(self, points: Array) -> Array:
         """Return columns and rows in pixels from the upper left corner, and depth, (n, 3)."""
+        middle, scale = self._fit()
+        local = (points @ self.view.axes().T - middle) * scale
+        return np.column_stack(
+            [0.5 * self.width + local[:, 0], 0.5 * self.height - local[:, 1], local[:, 2]]
+        )
+
+    def pixels(self, length: float) -> float:
+        """Return how many pixels a length across the view has."""
+        return length * self._fit()[1]
+
+    def _fit(self) -> tuple[Array, float]:
+        """Return the middle of the box in the axes of the view, and pixels a unit of length."""
         axes = self.view.axes()
         corners = np.stack(np.meshgrid(*np.stack([self.low, self.high], 1)), -1).reshape(-1, 3)
         seen = corners @ axes.T
         low, high = seen.min(axis=0), seen.max(axis=0)
         extent = MARGIN * np.maximum(high - low, 1e-12 * np.abs(seen).max() + 1e-300)
         scale = min(self.width / extent[0], self.height / extent[1])
-        local = (points @ axes.T - 0.5 * (low + high)) * scale
-        return np.column_stack(
-            [0.5 * self.width + local[:, 0], 0.5 * self.height - local[:, 1], local[:, 2]]
-        )
+        return 0.5 * (low + high), float(scale)
 
 
 def draw_mesh(frame: Frame, vertices: Array, triangles: Array, colors: Array) -> NDArray[np.uint8]:
@@ -105,8 +117,11 @@ def draw_mesh(frame: Frame, vertices: Array, triangles: Array, colors: Array) ->
     shaded = _shade(corners, colors[triangles])
     # Steps of at most one sample along every side, in classes of equal numbers of steps.
     extent = np.ptp(corners[:, :, :2], axis=1).max(axis=1)
-    steps = 2 ** np.ceil(np.log2(np.clip(extent, 1.0, 2.0 * width))).astype(int)
-    for count in np.unique(steps):
+    for k in np.flatnonzero(extent > LARGE):
+        _deposit(depth, picture, (width, height), *_fill(corners[k], shaded[k], (width, height)))
+    steps = 2 ** np.ceil(np.log2(np.clip(extent, 1.0, LARGE))).astype(int)
+    steps[extent > LARGE] = 0
+    for count in np.unique(steps[steps > 0]):
         weights = _barycentric(count)
         own = np.flatnonzero(steps == count)
         part = max(1, MOST_SAMPLES // len(weights))
@@ -145,9 +160,8 @@ def draw_points(frame: Frame, points: Array, colors: Array, *, opaque: bool) -> 
     place = frame.project(points)
     place[:, :2] *= size
     width, height = size * frame.width, size * frame.height
-    area = 0.5 * frame.width * frame.height
-    spacing = np.sqrt(area / max(len(points), 1))
-    radius = size * float(np.clip((1.7 if opaque else 0.5) * spacing, 0.6, 8.0))
+    part = 0.8 if opaque else 0.2
+    radius = size * float(np.clip(part * frame.pixels(typical_spacing(points)), 0.6, 9.0))
     steps = np.arange(-int(radius), int(radius) + 1)
     shift = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
     shift = shift[(shift**2).sum(axis=1) <= radius**2]
@@ -166,6 +180,13 @@ def draw_points(frame: Frame, points: Array, colors: Array, *, opaque: bool) -> 
             np.repeat(colors[rows], len(shift), axis=0),
         )
     return _reduce(picture.reshape(height, width, 4), size)
+
+
+def typical_spacing(points: Array) -> float:
+    """Return the median distance of (n, 3) points from their sixth neighbours."""
+    count = min(7, len(points))
+    chosen = points[:: max(1, len(points) // 2000)]
+    return float(np.median(cKDTree(points).query(chosen, count)[0][:, -1])) if count > 1 else 0.0
 
 
 def depth_colors(frame: Frame, points: Array) -> Array:
@@ -194,6 +215,23 @@ def _barycentric(count: int) -> Array:
     inside = i + j <= count
     u, v = i[inside] / count, j[inside] / count
     return np.column_stack([1.0 - u - v, u, v])
+
+
+def _fill(corners: Array, colors: Array, size: tuple[int, int]) -> tuple[Array, Array]:
+    """Return the samples, and their colours, where a large triangle covers the picture."""
+    low = np.maximum(np.floor(corners[:, :2].min(axis=0)), 0.0)
+    high = np.minimum(np.ceil(corners[:, :2].max(axis=0)), size)
+    columns, rows = np.meshgrid(*(np.arange(a, b) + 0.5 for a, b in zip(low, high, strict=True)))
+    places = np.column_stack([columns.ravel(), rows.ravel()])
+    sides = (corners[1:, :2] - corners[0, :2]).T
+    area = np.linalg.det(sides)
+    if abs(area) < 1e-9:
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    weights = np.linalg.solve(sides, (places - corners[0, :2]).T).T
+    weights = np.column_stack([1.0 - weights.sum(axis=1), weights])
+    inside = (weights >= 0.0).all(axis=1)
+    weights = weights[inside]
+    return np.column_stack([places[inside], weights @ corners[:, 2]]), weights @ colors
 
 
 def _deposit(

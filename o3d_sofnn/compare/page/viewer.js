@@ -213,8 +213,8 @@ const Viewer = (() => {
         gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, draw.index);
         gl.drawElements(gl.TRIANGLES, draw.count, draw.wide ? gl.UNSIGNED_INT : gl.UNSIGNED_SHORT, 0);
       } else {
-        const space = Math.sqrt(0.4 * width * height / draw.count) * zoom;
-        gl.uniform1f(at("size"), Math.max(1.5, Math.min(draw.fade ? 3 * ratio : 2.8 * space, 40)));
+        const space = this.scene.dots.spacing * 0.575 * zoom / radius * height;
+        gl.uniform1f(at("size"), Math.max(1.5, Math.min(draw.fade ? 0.4 * space : 1.6 * space, 60)));
         gl.uniform1f(at("fade"), draw.fade);
         this.attribute(program, "tint", draw.extra, 3, gl.UNSIGNED_BYTE);
         gl.drawArrays(gl.POINTS, 0, draw.count);

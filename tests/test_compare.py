@@ -1,0 +1,263 @@
+"""``o3d-sofnn compare``: every figure of the report comes out of the CSV file."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+import pytest
+import shapes
+from report_page import Page, read_csv
+
+from o3d_sofnn import cli, metrics
+from o3d_sofnn.compare import cases, charts, isolated, measure, peers, report
+from o3d_sofnn.compare.measure import FIGURES
+
+o3d = pytest.importorskip("open3d")
+
+METHODS = ("ours", "open3d_poisson", "open3d_alpha_shape")
+YES_OR_NO = ("watertight", "manifold")
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """A scan, a closed mesh, a cloud without a volume, and a file that is not there."""
+    folder = tmp_path_factory.mktemp("inputs")
+    np.savetxt(folder / "ring.xyz", shapes.torus(900).points)
+    ball = o3d.geometry.TriangleMesh.create_sphere(1.0, 12)
+    o3d.io.write_triangle_mesh(str(folder / "ball.ply"), ball)
+    flat = np.random.default_rng(0).random((100, 3)) * [1.0, 1.0, 0.0]
+    np.savetxt(folder / "flat.xyz", flat)
+    return [folder / name for name in ("ring.xyz", "ball.ply", "flat.xyz", "missing.ply")]
+
+
+@pytest.fixture(scope="module")
+def compared(
+    inputs: list[Path], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, list[dict[str, str]], Page]:
+    """The folder, the rows of the CSV file, and the page."""
+    out = tmp_path_factory.mktemp("compared")
+    small = ["--quick", "--points", "900", "--sizes", "400", "--noise", "0", "1"]
+    arguments = [*map(str, inputs), "--out", str(out), *small, "--methods", *METHODS]
+    assert cli.main(["compare", *arguments]) == 1  # a file was missing
+    return out, read_csv(out / "results.csv"), Page(out / "report.html")
+
+
+def number(text: str) -> float | None:
+    return float(text) if text else None
+
+
+def good(rows: list[dict[str, str]]) -> list[dict[str, str]]:
+    return [row for row in rows if not row["error"]]
+
+
+def test_every_input_and_method_has_a_row(compared):
+    _, rows, _ = compared
+    clouds = defaultdict(list)
+    for row in rows:
+        clouds[row["input"], row["points"], row["noise"]].append(row["method"])
+    whole = list(METHODS)
+    assert clouds == {
+        ("ring", "900", ""): whole,
+        ("ring", "400", ""): whole,
+        ("ball", "900", "0.0"): whole,
+        ("ball", "900", "1.0"): whole,
+        ("ball", "400", "0.0"): whole,
+        ("flat", "100", ""): whole,
+        ("missing", "", ""): [""],
+    }
+
+
+def test_failures_keep_their_message_and_the_others_go_on(compared):
+    _, rows, _ = compared
+    by_name = {(row["input"], row["points"], row["method"]): row for row in rows}
+    assert "points lie in one plane" in by_name["flat", "100", "ours"]["error"]
+    assert "not read" in by_name["missing", "", ""]["error"]
+    assert float(by_name["ring", "900", "ours"]["watertight"]) == 1.0
+    assert float(by_name["ball", "900", "ours"]["chamfer"]) < 20.0
+    assert float(by_name["ball", "400", "ours"]["flipped"]) == 0.0
+    assert by_name["ring", "900", "ours"]["chamfer"] == ""  # its truth is not known
+
+
+def test_tables_show_the_csv(compared):
+    _, rows, page = compared
+    columns = page.titles["results"]
+    assert len(page.rows["results"]) == 1 + len(rows)
+    for cells, row in zip(page.rows["results"][1:], rows, strict=True):
+        shown = dict(zip(columns, cells, strict=False))
+        for key, (value, text) in shown.items():
+            if value is None:
+                assert text == f"failed: {row['error']}"
+                continue
+            assert value == row[key] or float(value) == float(row[key])
+            if key in FIGURES and value and key not in YES_OR_NO:
+                assert float(text.replace(",", "")) == pytest.approx(
+                    float(value), rel=0.01, abs=0.5
+                )
+        assert row["error"] or len(shown) == len(columns)
+
+
+def test_the_summary_has_the_medians_of_the_csv(compared):
+    _, rows, page = compared
+    columns = page.titles["summary"]
+    lines = [
+        {key: value for key, (value, _) in zip(columns, cells, strict=False)}
+        for cells in page.rows["summary"][1:]
+    ]
+    assert [line["method"] for line in lines] == list(METHODS)
+    for line in lines:
+        own = [row for row in rows if row["method"] == line["method"]]
+        assert int(line["runs"]) == len(own)
+        assert int(line["failed"]) == len(own) - len(good(own))
+        for key in columns[3:]:
+            values = [float(row[key]) for row in good(own) if row[key]]
+            middle = np.mean if key in YES_OR_NO else median
+            expected = middle(values) if values else None
+            assert number(line[key] or "") == pytest.approx(expected)
+
+
+def test_charts_show_medians_of_the_csv(compared):
+    out, rows, page = compared
+    assert set(page.points) == {"error-noise", "flipped-noise", "time-size"}
+    for name, x, y in (
+        ("error-noise", "noise", "chamfer"),
+        ("flipped-noise", "noise", "flipped"),
+        ("time-size", "points", "seconds"),
+    ):
+        expected = defaultdict(list)
+        for row in good(rows):
+            counts = row["points"] == "900" if x == "noise" else row["noise"] in ("", "0.0")
+            if counts and row[x] and row[y]:
+                expected[row["method"], float(row[x])].append(float(row[y]))
+        drawn = {
+            (point["data-method"], float(point["data-x"])): float(point["data-y"])
+            for point in page.points[name]
+        }
+        assert drawn == {key: pytest.approx(median(values)) for key, values in expected.items()}
+        assert (out / f"{name}.svg").read_text(encoding="utf-8").startswith("<svg xmlns=")
+
+
+def test_panes_show_the_csv(compared):
+    out, rows, page = compared
+    by_name = {(row["input"], row["points"], row["noise"], row["method"]): row for row in rows}
+    assert len(page.data["scenes"]) == 6
+    for scene in page.data["scenes"]:
+        found = re.fullmatch(r"(\w+), ([\d,]+) points(?:, ([\d.]+) % noise)?", scene["title"])
+        assert found is not None
+        noise = "" if found[3] is None else str(float(found[3]))
+        assert [pane["method"] for pane in scene["panes"]] == ["input", *METHODS]
+        for pane in scene["panes"][1:]:
+            row = by_name[found[1], found[2].replace(",", ""), noise, pane["method"]]
+            if row["error"]:
+                assert pane["error"] == row["error"]
+                continue
+            key = "chamfer" if row["chamfer"] else "input_mean"
+            fact = re.fullmatch(rf"([\d.e-]+) s, {FIGURES[key]} ([\d.e-]+)", pane["facts"])
+            assert fact is not None, pane["facts"]
+            assert float(fact[1]) == pytest.approx(float(row["seconds"]), rel=0.01)
+            assert float(fact[2]) == pytest.approx(float(row[key]), rel=0.01)
+            assert set(pane["pictures"]) >= {"surface"}
+    assert (out / "ball-900-noise-1-ours-flipped.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_the_page_needs_nothing_from_outside(compared):
+    out, _, _ = compared
+    text = (out / "report.html").read_text(encoding="utf-8")
+    assert "://" not in text
+    assert "{{" not in text
+    assert not re.search(r"(src|href)=\"(?!data:)", text)
+
+
+def test_ctrl_c_leaves_a_report_on_what_was_finished(inputs, tmp_path, monkeypatch):
+    calls = []
+
+    def interrupt(function, *args, **options):
+        calls.append(args)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return isolated.call(function, *args, **options)
+
+    from o3d_sofnn.compare import run
+
+    monkeypatch.setattr(run, "call", interrupt)
+    options = ["--out", str(tmp_path), "--quick", "--methods", "open3d_alpha_shape", "ours"]
+    assert cli.main(["compare", str(inputs[0]), *options]) == cli.INTERRUPTED
+    assert [row["method"] for row in read_csv(tmp_path / "results.csv")] == ["open3d_alpha_shape"]
+    assert "Interrupted" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_method_that_takes_too_long_is_a_failure_with_a_message(inputs, tmp_path):
+    options = ["--out", str(tmp_path), "--quick", "--methods", "open3d_alpha_shape"]
+    code = cli.main(["compare", str(inputs[0]), *options, "--sizes", "--timeout", "0.01"])
+    assert code == 0  # ours did not fail
+    (row,) = read_csv(tmp_path / "results.csv")
+    assert row["error"].startswith("stopped after")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--methods", "nonsense"], "--methods: expected some of ours"),
+        (["--noise", "-1"], "expected 0 to 100"),
+        (["--points", "2"], "expected at least 4"),
+        (["--timeout", "0"], "expected a positive number"),
+    ],
+)
+def test_bad_options_are_one_line_and_code_2(inputs, tmp_path, capfd, options, message):
+    arguments = ["compare", str(inputs[0]), "--out", str(tmp_path), *options]
+    try:
+        code = cli.main(arguments)
+    except SystemExit as stop:
+        code = stop.code
+    assert code == cli.BAD_INPUT
+    err = capfd.readouterr().err
+    assert message in err
+    assert err.count("\n") == 1
+
+
+def test_a_closed_mesh_is_a_model_with_outward_triangles(tmp_path):
+    ball = o3d.geometry.TriangleMesh.create_sphere(1.0, 8)
+    ball.triangles = o3d.utility.Vector3iVector(np.asarray(ball.triangles)[:, ::-1])
+    o3d.io.write_triangle_mesh(str(tmp_path / "ball.stl"), ball.compute_triangle_normals())
+    model = cases.read(tmp_path / "ball.stl")
+    assert isinstance(model, cases.Model)
+    assert metrics.signed_volume(model.vertices, model.triangles) > 0
+    assert isinstance(cases.read(tmp_path / "ball.stl", clouds_only=True), np.ndarray)
+    sheet = o3d.geometry.TriangleMesh(ball)
+    sheet.triangles = o3d.utility.Vector3iVector(np.asarray(ball.triangles)[:-4])
+    o3d.io.write_triangle_mesh(str(tmp_path / "sheet.ply"), sheet)
+    assert isinstance(cases.read(tmp_path / "sheet.ply"), np.ndarray)
+
+
+def test_inputs_of_the_same_name_are_told_apart(tmp_path):
+    files = [tmp_path / "a" / "scan.ply", tmp_path / "b" / "scan.ply", tmp_path / "scan.xyz"]
+    named = cases.sources(files, cases.View(), clouds_only=False)
+    assert [source.name for source in named] == ["scan", "scan~2", "scan~3"]
+
+
+def test_figures_of_a_known_mesh():
+    ball = o3d.geometry.TriangleMesh.create_sphere(1.0, 40)
+    vertices, triangles = np.asarray(ball.vertices), np.asarray(ball.triangles)
+    outward = vertices / np.linalg.norm(vertices, axis=1, keepdims=True)
+    truth = measure.Truth(vertices, triangles, outward)
+    larger = peers.Mesh(1.01 * vertices, triangles, -outward)
+    found = measure.figures(vertices, larger, truth, 20_000)
+    unit = 1e-3 * np.linalg.norm(np.ptp(vertices, axis=0))
+    assert found["chamfer"] == pytest.approx(0.01 / unit, rel=0.01)
+    assert found["input_mean"] == pytest.approx(0.01 / unit, rel=0.01)
+    assert (found["holes"], found["components"], found["watertight"]) == (0, 1, 1)
+    assert found["normal_consistency"] == pytest.approx(1.0, abs=0.01)
+    assert found["flipped"] == 100.0
+    assert found["f_score"] == 0.0  # 2.9 thousandths off, the threshold is 2
+    opened = peers.Mesh(vertices, triangles[:-5], outward)
+    assert measure.figures(vertices, opened, truth, 1000)["holes"] >= 1
+
+
+def test_methods_have_titles_and_colours():
+    from o3d_sofnn.compare.evaluate import METHODS as ALL
+
+    assert set(report.TITLES) == {"", "input", *ALL}
+    assert len(charts.COLORS) == len(ALL)
