@@ -55,7 +55,8 @@ class Mesh:
         RuntimeError
             There are no triangles.
         """
-        triangles = triangles[np.isfinite(vertices).all(axis=1)[triangles].all(axis=1)]
+        placed = np.asarray(np.isfinite(vertices).all(axis=1))
+        triangles = triangles[placed[triangles].all(axis=1)]
         if not len(triangles):
             raise RuntimeError("the mesh has no triangles")
         kept, compact = np.unique(triangles, return_inverse=True)

@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 
 pymeshlab = pytest.importorskip("pymeshlab", reason="PyMeshLab is not installed")
-pytest.importorskip("pyvista", reason="PyVista, which the demos need, is not installed")
 
 DEMO = Path(__file__).parents[2] / "demos" / "meshlab.py"
 METHODS = ("ours", "ball pivoting")  # the fastest
