@@ -35,7 +35,7 @@ class Mesh:
         All in use.
     triangles : (f, 3) int64
         Vertex indices.
-    normals : (n, 3) float64, optional
+    normals : (n, 3) float64, or None
         At the points, oriented; None when the method has none.
     """
 

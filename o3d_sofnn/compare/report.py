@@ -86,7 +86,7 @@ def write(path: Path, rows: list[Row], scenes: list[Scene], note: str = "") -> N
         Keys ``run.COLUMNS``; None where there is no number.
     scenes : list of Scene
         For the panes.
-    note : str, optional
+    note : str, default ""
         A sentence above everything.
     """
     methods = _methods(rows)
