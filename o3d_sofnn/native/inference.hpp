@@ -34,12 +34,6 @@ struct InferenceScratch {
   Lanes best, weight_sum;
 };
 
-// 1 / sqrt(t) for t >= 1 to all but the last bits: single precision and one Newton step.
-SOFNN_INLINE double inverse_sqrt(double t) {
-  const double y = 1.0f / std::sqrt(static_cast<float>(t));
-  return y * (1.5 - 0.5 * t * y * y);
-}
-
 SOFNN_EXACT SOFNN_CLONES inline void run_distances(const Run& run, const Candidates& near, Lanes* SOFNN_RESTRICT sq) {
   SOFNN_EXACT_BODY
   for (int64_t i = 0; i < near.size; ++i) {

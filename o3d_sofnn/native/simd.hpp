@@ -66,4 +66,18 @@ SOFNN_INLINE double exp_negative(double x) {
   return p * power;
 }
 
+// 1 / sqrt(t) for t >= 1 to all but the last bits, without division: a guess from the exponent and Newton steps, all
+// but the last in single precision.
+SOFNN_INLINE double inverse_sqrt(double t) {
+  const float single = static_cast<float>(t), half = 0.5f * single;
+  int32_t bits;
+  std::memcpy(&bits, &single, sizeof bits);
+  bits = 0x5f3759df - (bits >> 1);
+  float y;
+  std::memcpy(&y, &bits, sizeof y);
+  y *= 1.5f - half * y * y, y *= 1.5f - half * y * y, y *= 1.5f - half * y * y;
+  const double root = y;
+  return root * (1.5 - 0.5 * t * root * root);
+}
+
 }  // namespace sofnn
