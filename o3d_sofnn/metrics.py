@@ -11,7 +11,6 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 Triangles = NDArray[np.integer[Any]]
 Points = NDArray[np.floating[Any]]
@@ -205,4 +204,6 @@ def _area_vectors(vertices: Points, triangles: Triangles) -> NDArray[np.float64]
 
 
 def _nearest(a: Points, b: Points) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    from scipy.spatial import cKDTree  # slow to import, and the operators do without it
+
     return cKDTree(b).query(a)[0], cKDTree(a).query(b)[0]
