@@ -225,9 +225,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     mesh.add_argument(
         "--trim",
-        type=float,
+        type=_number_or_auto,
         metavar="T",
-        help="cut triangles with a confidence (0 to 1) below T; the mesh then has borders",
+        help="cut away what has a confidence (0 to 1) below T; auto: 0.5, small holes stay closed",
     )
     mesh.add_argument(
         "--use-normals", action="store_true", help="take the sides from the normals in IN"
@@ -242,6 +242,10 @@ def _parser() -> argparse.ArgumentParser:
     command.add_options(compare)
     _add_progress(compare)
     return parser
+
+
+def _number_or_auto(text: str) -> float | str:
+    return text if text == "auto" else float(text)
 
 
 def _add_progress(parser: argparse.ArgumentParser) -> None:

@@ -9,7 +9,7 @@ import contextlib
 import dataclasses
 import logging
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import scipy.sparse
@@ -108,7 +108,7 @@ def reconstruct_surface(
     depth: int | None = None,
     voxel_size: float | None = None,
     use_normals: bool = False,
-    trim: float | None = None,
+    trim: float | Literal["auto"] | None = None,
     search_param: Any = None,
     n_threads: int = -1,
     print_progress: bool | ProgressCallback = False,
@@ -127,9 +127,10 @@ def reconstruct_surface(
         Resolution: side of a cell, in the cloud's unit. At most one of ``depth``, ``voxel_size``.
     use_normals : bool, default False
         Take the sides of the surface from the cloud's own normals. False ignores them.
-    trim : float, optional
-        Remove triangles whose confidence (0 to 1) is below this: for open surfaces and terrain.
-        The mesh then has borders. None keeps the mesh closed.
+    trim : float or "auto", optional
+        For open surfaces, terrain, scenes seen from inside: cut away what has a confidence (0 to 1)
+        below this, along a smooth border. "auto" cuts at 0.5, but leaves holes closed whose area is
+        at most 5 % of that of the supported surface. None keeps the mesh closed.
     search_param : open3d.geometry.KDTreeSearchParamKNN, ...Radius, ...Hybrid, optional
         Largest neighbourhood of a local fit, in points, in the cloud's unit, or both. None finds
         it from the data.
@@ -163,7 +164,7 @@ def reconstruct_surface(
     validation.check_exclusive(depth=depth, voxel_size=voxel_size)
     depth = validation.check_integer(depth, "depth", 1, validation.MAX_DEPTH)
     voxel_size = validation.check_positive(voxel_size, "voxel_size")
-    trim = validation.check_fraction(trim, "trim")
+    trim = validation.check_trim(trim)
     n_threads = validation.check_n_threads(n_threads)
     finite = _finite_points(cloud)
     normals = _own_normals(cloud, finite) if use_normals else None

@@ -3,67 +3,32 @@
 from __future__ import annotations
 
 import os
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import metrics
 from ._kernels import KdTree
+from .attributes import attribute_weights, mesh_normals
+from .clock import STAGES, Clock, Progress
 from .field import Field
 from .growth import adjust, combine, generate
 from .local_fit import Scale, choose_scale, find_outliers
 from .octree import sort_unique
 from .orientation import face, orient_points, turn_along, unify
+from .relaxation import relax
 from .resolution import choose_levels, choose_voxel_size
 from .results import NormalEstimate, SurfaceEstimate
 from .rlps import local_surfaces
 from .rules import RuleBase, fit_rules, infer_normals, sides_around, typical_data
-from .surface import attribute_weights, extract, keep_supported, mesh_normals
+from .surface import extract
+from .trimming import cut, drop_strays
 
-__all__ = ["NormalEstimate", "SurfaceEstimate", "estimate_normals", "reconstruct_surface"]
+__all__ = ["STAGES", "NormalEstimate", "SurfaceEstimate", "estimate_normals", "reconstruct_surface"]
 
-Progress = Callable[[float, str], None]
 Array = NDArray[np.float64]
-
-STAGES = {
-    "cells": 0.02,
-    "scale": 0.08,
-    "typical data": 0.10,
-    "rules": 0.15,
-    "orientation": 0.40,
-    "growth": 0.45,
-    "inference": 0.50,
-    "local surfaces": 0.55,
-    "field": 0.60,
-    "surface": 0.95,
-    "attributes": 1.00,
-}
-"""Stages in order, and the part of the whole that is done after each."""
-
-
-@dataclass
-class _Clock:
-    """Seconds per stage, and word to whoever wants to know."""
-
-    progress: Progress | None
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        if self.progress:
-            done = list(STAGES.values())
-            self.progress(dict(zip(STAGES, [0.0, *done[:-1]], strict=True))[name], name)
-        start = time.perf_counter()
-        yield
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
-
-    def finish(self) -> None:
-        if self.progress:
-            self.progress(1.0, "done")
 
 
 @dataclass(frozen=True)
@@ -121,7 +86,7 @@ def estimate_normals(
         `points` has fewer than 4 rows, or they are all equal or on one line.
     """
     threads = _threads(n_threads)
-    clock = _Clock(progress)
+    clock = Clock(progress)
     learned = _learn(points, None, max_nn, radius, viewpoint, towards, threads, clock)
     estimate = _infer(learned, threads, clock)
     clock.finish()
@@ -134,7 +99,7 @@ def reconstruct_surface(
     normals: Array | None = None,
     depth: int | None = None,
     voxel_size: float | None = None,
-    trim: float | None = None,
+    trim: float | Literal["auto"] | None = None,
     precision: float | None = None,
     max_nn: int | None = None,
     radius: float | None = None,
@@ -154,8 +119,9 @@ def reconstruct_surface(
     voxel_size : float, optional
         Edge of a cube, in the unit of the points. Without `depth` and `voxel_size` it is chosen
         from spacing and noise.
-    trim : float, optional
-        Remove triangles whose confidence is below this, 0 to 1; the mesh is then open.
+    trim : float or "auto", optional
+        Cut away what has a confidence below this, 0 to 1; the mesh is then open. "auto" cuts at
+        0.5 and leaves holes closed that are small beside the data (:func:`trimming.cut`).
     precision : float, optional
         Largest residual that the local surfaces shall leave (epsilon of Algorithm 2), in the unit
         of the points. None takes it from noise and size.
@@ -173,7 +139,7 @@ def reconstruct_surface(
         one plane; `voxel_size` asks for more than a million cubes along one side.
     """
     threads = _threads(n_threads)
-    clock = _Clock(progress)
+    clock = Clock(progress)
     if trim is None and _rank(points) < 3:
         raise ValueError("points lie in one plane and enclose nothing: give trim to get a sheet")
     learned = _learn(points, normals, max_nn, radius, None, None, threads, clock)
@@ -202,10 +168,14 @@ def reconstruct_surface(
         implicit = Field(rules, surfaces, samples, facing, spacing, threads)
     with clock.stage("surface"):
         vertices, triangles = extract(implicit, samples, finest, levels)
-        confidence = implicit(vertices)[1]
-        vertices, triangles, confidence = keep_supported(
-            vertices, triangles, confidence, samples, trim, threads
-        )
+        if len(triangles):
+            triangles, used = drop_strays(vertices, triangles, samples, threads)
+            vertices = vertices[used]
+        vertices, confidence = relax(vertices, triangles, implicit)
+        if trim is not None:
+            vertices, triangles, confidence = cut(vertices, triangles, confidence, trim)
+            triangles, used = drop_strays(vertices, triangles, samples, threads)
+            vertices, confidence = vertices[used], confidence[used]
         if not len(triangles):
             reason = "the points are too few or too flat" if trim is None else "trim removed it all"
             raise ValueError(f"points define no surface at this resolution: {reason}")
@@ -239,7 +209,7 @@ def _learn(
     viewpoint: Array | None,
     towards: Array | None,
     threads: int,
-    clock: _Clock,
+    clock: Clock,
 ) -> _Learned:
     """Stages 1 to 5: from points to oriented rules."""
     if len(points) < 4:
@@ -300,7 +270,7 @@ def _learn(
     return _Learned(x, inverse, tree, scale, inliers, sides, rules, middle, extent, warnings)
 
 
-def _infer(learned: _Learned, threads: int, clock: _Clock) -> NormalEstimate:
+def _infer(learned: _Learned, threads: int, clock: Clock) -> NormalEstimate:
     """Stage 6: a normal at every point, outliers and duplicates included."""
     with clock.stage("inference"):
         rules = learned.rules

@@ -5,18 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import scipy.sparse
-import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
-from ._kernels import KdTree
 from .grid import AdaptiveGrid
 from .marching_cubes import CORNERS, marching_cubes
 
 Evaluate = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
-
-SAMPLES = 16
-"""Fewest samples on a closed piece of surface that is kept."""
 
 
 def extract(
@@ -132,94 +126,3 @@ _Part = tuple[NDArray[np.int64], NDArray[np.float64]]
 def _merged(a: _Part, b: _Part) -> _Part:
     place = np.searchsorted(a[0], b[0])
     return np.insert(a[0], place, b[0]), np.insert(a[1], place, b[1])
-
-
-def keep_supported(
-    vertices: NDArray[np.float64],
-    triangles: NDArray[np.int32],
-    confidence: NDArray[np.float64],
-    samples: NDArray[np.float64],
-    trim: float | None,
-    n_threads: int,
-) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
-    """Drop closed pieces that hardly any sample lies on and, with `trim`, single triangles.
-
-    Parameters
-    ----------
-    vertices, triangles
-        A closed mesh.
-    confidence : (m,) float64
-        Support at the vertices.
-    samples : (n, 3) float64
-        Points moved onto the surface.
-    trim : float or None
-        Least mean confidence of a triangle that stays.
-    n_threads : int
-        Threads.
-
-    Returns
-    -------
-    vertices, triangles, confidence
-        What stays.
-    """
-    if not len(triangles):
-        return vertices, triangles, confidence
-    edges = np.concatenate([triangles[:, :2], triangles[:, 1:]])
-    graph = scipy.sparse.coo_matrix(
-        (np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(len(vertices),) * 2
-    )
-    label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
-    nearest = KdTree(vertices, n_threads).query(samples, 1, np.inf, n_threads)[1][:, 0]
-    count = np.bincount(label[nearest], minlength=int(label.max()) + 1)
-    keep = (count >= min(SAMPLES, int(count.max())))[label[triangles[:, 0]]]
-    if trim is not None:
-        keep &= confidence[triangles].mean(axis=1) >= trim
-    triangles = triangles[keep]
-    used = np.unique(triangles)
-    number = np.zeros(len(vertices), np.int32)
-    number[used] = np.arange(len(used), dtype=np.int32)
-    return vertices[used], number[triangles], confidence[used]
-
-
-def mesh_normals(
-    vertices: NDArray[np.float64], triangles: NDArray[np.int32]
-) -> NDArray[np.float64]:
-    """Average the normals of the triangles by their area; unit vertex normals, (m, 3)."""
-    a, b, c = vertices[triangles].transpose(1, 0, 2)
-    facing = np.cross(b - a, c - a)
-    total = np.stack(
-        [np.bincount(triangles.ravel(), np.repeat(f, 3), len(vertices)) for f in facing.T], axis=1
-    )
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    return np.where(length > 0, total / np.maximum(length, 1e-300), [0.0, 0.0, 1.0])
-
-
-def attribute_weights(
-    vertices: NDArray[np.float64], points: NDArray[np.float64], size: float, n_threads: int
-) -> scipy.sparse.csr_matrix:
-    """Weights that carry attributes from points to vertices.
-
-    Parameters
-    ----------
-    vertices : (m, 3) float64
-        Where the attributes are wanted.
-    points : (n, 3) float64
-        Where they are known.
-    size : float
-        Distance over which a point counts.
-    n_threads : int
-        Threads.
-
-    Returns
-    -------
-    scipy.sparse.csr_matrix, (m, n)
-        Gaussian weights of the four nearest points; rows sum to one.
-    """
-    k = min(4, len(points))
-    distance, index = KdTree(points, n_threads).query(vertices, k, np.inf, n_threads)
-    weight = np.exp(-0.5 * (distance**2 - distance[:, :1] ** 2) / size**2)
-    weight /= weight.sum(axis=1, keepdims=True)
-    start = np.arange(0, len(vertices) * k + 1, k)
-    return scipy.sparse.csr_matrix(
-        (weight.ravel(), index.ravel(), start), shape=(len(vertices), len(points))
-    )

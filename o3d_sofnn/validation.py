@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -192,6 +192,21 @@ def check_fraction(value: Any, name: str) -> float | None:
     if number is not None and not 0 <= number <= 1:
         raise ValueError(f"{name}: expected a number from 0 to 1, got {value!r}")
     return number
+
+
+def check_trim(value: Any) -> float | Literal["auto"] | None:
+    """Return ``trim``: a float within [0, 1], "auto", or None.
+
+    Raises
+    ------
+    ValueError
+        Anything else.
+    """
+    if isinstance(value, str):
+        if value != "auto":
+            raise ValueError(f'trim: expected a number from 0 to 1 or "auto", got {value!r}')
+        return "auto"
+    return check_fraction(value, "trim")
 
 
 def check_n_threads(value: Any) -> int:

@@ -1,0 +1,73 @@
+"""Vertices moved along the surface to even out their triangles, and back onto the surface."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .attributes import mesh_normals
+
+SHARE = 0.5
+"""Part of the way to the middle of its neighbours that a vertex goes."""
+REACH = 0.25
+"""Longest way back to the surface, over the mean length of the edges of a vertex."""
+TURN = 0.5
+"""Least cosine between the normals of a triangle before and after."""
+
+Array = NDArray[np.float64]
+
+
+def relax(
+    vertices: Array,
+    triangles: NDArray[np.int32],
+    evaluate: Callable[[Array], tuple[Array, Array]],
+) -> tuple[Array, Array]:
+    """Even out the triangles of a closed mesh.
+
+    Every vertex goes towards the middle of its neighbours, in its tangential plane only, and then
+    along its normal to the zero of the function. A vertex goes back where a triangle would turn.
+
+    Parameters
+    ----------
+    vertices : (m, 3) float64
+    triangles : (t, 3) int32
+        A closed mesh.
+    evaluate : callable
+        (m, 3) places to (m,) signed distances and (m,) support.
+
+    Returns
+    -------
+    vertices : (m, 3) float64
+    support : (m,) float64
+        Where the vertices went along the surface.
+    """
+    normals = mesh_normals(vertices, triangles)
+    count = np.bincount(triangles.ravel(), minlength=len(vertices))[:, None]
+    following = triangles[:, [1, 2, 0]].ravel()
+    # Each edge is met once in each direction, so the followers of a vertex are its neighbours.
+    ends = triangles.ravel()
+    middle = np.stack([np.bincount(ends, v[following], len(v)) for v in vertices.T], axis=1) / count
+    length = np.linalg.norm(vertices[following] - vertices[ends], axis=1)
+    reach = REACH * np.bincount(ends, length, len(vertices)) / count[:, 0]
+    step = SHARE * (middle - vertices)
+    step -= (step * normals).sum(axis=1, keepdims=True) * normals
+    values, support = evaluate(vertices + step)
+    back = np.where(support > 0.0, np.clip(values, -reach, reach), 0.0)
+    moved = vertices + step - back[:, None] * normals
+    facing = _facing(vertices, triangles)
+    while True:
+        turned = (facing * _facing(moved, triangles)).sum(axis=1) < TURN
+        turned &= (moved[triangles] != vertices[triangles]).any(axis=(1, 2))
+        if not turned.any():
+            return moved, support
+        stay = triangles[turned].ravel()
+        moved[stay] = vertices[stay]
+
+
+def _facing(vertices: Array, triangles: NDArray[np.int32]) -> Array:
+    """Return the unit normals of triangles."""
+    a, b, c = vertices[triangles].transpose(1, 0, 2)
+    normal = np.cross(b - a, c - a)
+    return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300))
