@@ -12,9 +12,9 @@ Progress = Callable[[float, str], None]
 STAGES = {
     "cells": 0.02,
     "scale": 0.08,
-    "typical data": 0.10,
-    "rules": 0.15,
-    "orientation": 0.40,
+    "orientation": 0.35,
+    "typical data": 0.37,
+    "rules": 0.42,
     "growth": 0.45,
     "inference": 0.50,
     "local surfaces": 0.55,
