@@ -37,6 +37,13 @@ class KdTree:
     def crowded(self, x: _Floats, k: int, distance: _Floats, n_threads: int) -> NDArray[np.uint8]:
         """Whether (1 or 0) each row of `x` has at least `k` points within its `distance` (m,)."""
 
+def sort_morton(points: _Floats, n_threads: int) -> tuple[NDArray[np.uint64], _Ints]:
+    """Sort points (n, 3) along the Morton curve, 21 bits an axis.
+
+    Returns ascending keys (n,) and the row (n,) that each comes from, of equal keys the smaller row
+    first.
+    """
+
 def fit_scales(
     tree: KdTree, points: _Floats, centers: _Floats, scales: _Ints, n_threads: int
 ) -> tuple[_Floats, _Floats]:

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _kernels
-from .octree import morton_keys
 from .orientation import OPENING, cell_areas
 from .rlps import LocalSurfaces
 from .rules import RuleBase
@@ -90,8 +89,8 @@ class Field:
         support : (m,) float64
             1 on the data, 0 far away from it.
         """
-        keys, _ = morton_keys(x)
-        order = np.argsort(keys, kind="stable")  # the kernels share work between neighbours
+        # The kernels share work between neighbours.
+        order = np.asarray(_kernels.sort_morton(np.ascontiguousarray(x), self.n_threads)[1])
         values, share = np.empty(len(x)), np.empty(len(x))
         values[order], share[order] = self._evaluate(np.ascontiguousarray(x[order]))
         return values, share

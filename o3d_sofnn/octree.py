@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ._kernels import sort_morton
+
 LEVELS = 21
 """Subdivisions that fit a 64-bit Morton key, three bits each."""
 
@@ -33,39 +35,6 @@ class Octree:
     size: NDArray[np.float64]
 
 
-def morton_keys(points: NDArray[np.float64]) -> tuple[NDArray[np.uint64], float]:
-    """Interleave the bits of the quantised coordinates.
-
-    Parameters
-    ----------
-    points : (n, 3) float64
-        Points in any unit.
-
-    Returns
-    -------
-    keys : (n,) uint64
-        21 bits an axis.
-    extent : float
-        Edge of the cube that the keys divide.
-    """
-    low = points.min(axis=0)
-    extent = float((points.max(axis=0) - low).max())
-    scale = (2**LEVELS - 1) / extent if extent > 0 else 0.0
-    keys = np.zeros(len(points), np.uint64)
-    for axis in range(3):
-        bits = ((points[:, axis] - low[axis]) * scale).astype(np.uint64)
-        for shift, mask in (
-            (32, 0x1F00000000FFFF),
-            (16, 0x1F0000FF0000FF),
-            (8, 0x100F00F00F00F00F),
-            (4, 0x10C30C30C30C30C3),
-            (2, 0x1249249249249249),
-        ):
-            bits = (bits | (bits << np.uint64(shift))) & np.uint64(mask)
-        keys |= bits << np.uint64(axis)
-    return keys, extent
-
-
 def sort_unique(
     points: NDArray[np.float64],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -83,14 +52,13 @@ def sort_unique(
     inverse : (n,) int64
         Place in ``order`` of each input point.
     """
-    keys, _ = morton_keys(points)
-    order = np.argsort(keys, kind="stable")
-    shared = keys[order[1:]] == keys[order[:-1]]
-    if shared.any():  # equal keys: coordinates decide, so that equal points become neighbours
-        x, y, z = points.T
-        order = np.lexsort((z, y, x, keys))
+    keys, order = sort_morton(points, 1)
+    shared = np.flatnonzero(keys[1:] == keys[:-1]) + 1
     new = np.ones(len(points), bool)
-    new[1:] = (points[order[1:]] != points[order[:-1]]).any(axis=1)
+    if len(shared):  # coordinates decide, so that equal points become neighbours
+        x, y, z = points[order].T
+        order = order[np.lexsort((z, y, x, keys))]
+        new[shared] = (points[order[shared]] != points[order[shared - 1]]).any(axis=1)
     inverse = np.empty(len(points), np.int64)
     inverse[order] = np.cumsum(new) - 1
     return order[new], inverse
@@ -111,9 +79,8 @@ def build_octree(points: NDArray[np.float64], capacity: int) -> Octree:
     Octree
         Leaves without points are left out.
     """
-    keys, extent = morton_keys(points)
-    order = np.argsort(keys, kind="stable")
-    keys = keys[order]
+    keys, order = sort_morton(points, 1)
+    extent = float(np.ptp(points, axis=0).max())
     start, stop = np.array([0]), np.array([len(points)])
     done: list[tuple[NDArray[np.int64], float]] = []
     for level in range(LEVELS + 1):

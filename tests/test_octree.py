@@ -8,7 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapes import sphere, two_spheres
 
-from o3d_sofnn.octree import LEVELS, build_octree, morton_keys, sort_unique
+from o3d_sofnn import reference
+from o3d_sofnn._kernels import sort_morton
+from o3d_sofnn.octree import LEVELS, build_octree, sort_unique
 
 
 def slow_key(x, y, z):
@@ -37,27 +39,39 @@ def assert_covers(cells, points, capacity):
     assert ((high - low).max(axis=1) <= cells.size * (1 + 2.0 ** (1 - LEVELS))).all()
 
 
+def keys_of(points):
+    """Key of each point, from the sorted ones."""
+    keys, order = map(np.asarray, sort_morton(points, 2))
+    assert (keys[1:] >= keys[:-1]).all()
+    return keys[np.argsort(order)]
+
+
 def test_keys_interleave_the_bits_of_the_coordinates():
     top = 2**LEVELS - 1
     rng = np.random.default_rng(0)
     whole = np.vstack([rng.integers(0, top + 1, (200, 3)), [[0, 0, 0], [top, top, top]]])
-    keys, extent = morton_keys(whole.astype(np.float64))
-    assert extent == top
+    keys = keys_of(whole.astype(np.float64))
     assert keys.tolist() == [slow_key(*map(int, row)) for row in whole]
     assert int(keys.max()) == 2 ** (3 * LEVELS) - 1
 
 
 def test_keys_do_not_depend_on_place_and_size():
     whole = np.random.default_rng(0).integers(0, 2**LEVELS, (300, 3)).astype(np.float64)
-    keys, _ = morton_keys(whole)
-    np.testing.assert_array_equal(morton_keys(whole * 2.0**-30)[0], keys)
-    np.testing.assert_array_equal(morton_keys(whole - 2.0**30)[0], keys)
+    keys = keys_of(whole)
+    np.testing.assert_array_equal(keys_of(whole * 2.0**-30), keys)
+    np.testing.assert_array_equal(keys_of(whole - 2.0**30), keys)
 
 
 def test_equal_points_share_one_key():
-    keys, extent = morton_keys(np.full((5, 3), 7.0))
-    assert extent == 0.0
-    assert (keys == 0).all()
+    assert (keys_of(np.full((5, 3), 7.0)) == 0).all()
+    assert len(keys_of(np.empty((0, 3)))) == 0
+
+
+@pytest.mark.parametrize("step", [1e-3, 1.0])
+def test_points_are_sorted_as_by_the_twin(step):
+    points = np.rint(np.random.default_rng(0).normal(size=(5000, 3)) / step) * step
+    for found, expected in zip(sort_morton(points, 2), reference.sort_morton(points), strict=True):
+        np.testing.assert_array_equal(found, expected)
 
 
 @settings(max_examples=30, deadline=None)
@@ -75,7 +89,7 @@ def test_distinct_points_and_back(seed, n, side, tiny):
     np.testing.assert_array_equal(points[order][inverse], points)
     first = {tuple(row): n - 1 - i for i, row in enumerate(points[::-1])}
     np.testing.assert_array_equal(order, [first[tuple(row)] for row in points[order]])
-    keys = morton_keys(points)[0][order]
+    keys = keys_of(points)[order]
     assert (keys[1:] >= keys[:-1]).all()
 
 

@@ -6,6 +6,7 @@
 #include "local_fit.hpp"
 #include "field.hpp"
 #include "inference.hpp"
+#include "morton.hpp"
 #include "rlps.hpp"
 #include "typical_data.hpp"
 #include "winding.hpp"
@@ -66,6 +67,20 @@ NB_MODULE(_kernels, m) {
              return array(std::move(result), {n});
            },
            "x"_a, "k"_a, "distance"_a, "n_threads"_a);
+
+  m.def("sort_morton",
+        [](Points p, int threads) {
+          const size_t n = p.shape(0);
+          std::vector<uint64_t> keys(n);
+          std::vector<int64_t> order(n);
+          {
+            nb::gil_scoped_release release;
+            const std::vector<MortonEntry> entries = sort_morton(p.data(), n, threads);
+            for (size_t i = 0; i < n; ++i) keys[i] = entries[i].key, order[i] = entries[i].index;
+          }
+          return nb::make_tuple(array(std::move(keys), {n}), array(std::move(order), {n}));
+        },
+        "points"_a, "n_threads"_a);
 
   m.def("fit_scales",
         [](const KdTree& t, Points p, Points centers, Ints scales, int threads) {

@@ -85,11 +85,13 @@ class KdTree {
         for (int64_t i = lo; i < hi; ++i) split_node(points, level, i);
       });
     x_.resize(n_), y_.resize(n_), z_.resize(n_);
-    for (int64_t i = 0; i < n_; ++i) {
-      const double* p = points + 3 * index_[i];
-      x_[i] = p[0], y_[i] = p[1], z_[i] = p[2];
-    }
-    build_boxes();
+    parallel_for(n_, 4096, threads, [&](int64_t lo, int64_t hi) {
+      for (int64_t i = lo; i < hi; ++i) {
+        const double* p = points + 3 * index_[i];
+        x_[i] = p[0], y_[i] = p[1], z_[i] = p[2];
+      }
+    });
+    build_boxes(threads);
   }
 
   int64_t size() const { return n_; }
@@ -177,17 +179,19 @@ class KdTree {
     });
   }
 
-  void build_boxes() {
+  void build_boxes(int threads) {
     const int64_t leaves = int64_t{1} << depth_;
     box_.resize(2 * leaves - 1);
-    for (int64_t i = 0; i < leaves; ++i) {
-      Box& b = box_[leaves - 1 + i];
-      for (int d = 0; d < 3; ++d) b.low[d] = 1e300, b.high[d] = -1e300;
-      for (int64_t j = bound(i, depth_); j < bound(i + 1, depth_); ++j) {
-        const double p[3] = {x_[j], y_[j], z_[j]};
-        for (int d = 0; d < 3; ++d) b.low[d] = std::min(b.low[d], p[d]), b.high[d] = std::max(b.high[d], p[d]);
+    parallel_for(leaves, 256, threads, [&](int64_t lo, int64_t hi) {
+      for (int64_t i = lo; i < hi; ++i) {
+        Box& b = box_[leaves - 1 + i];
+        for (int d = 0; d < 3; ++d) b.low[d] = 1e300, b.high[d] = -1e300;
+        for (int64_t j = bound(i, depth_); j < bound(i + 1, depth_); ++j) {
+          const double p[3] = {x_[j], y_[j], z_[j]};
+          for (int d = 0; d < 3; ++d) b.low[d] = std::min(b.low[d], p[d]), b.high[d] = std::max(b.high[d], p[d]);
+        }
       }
-    }
+    });
     for (int64_t i = leaves - 2; i >= 0; --i)
       for (int d = 0; d < 3; ++d) {
         box_[i].low[d] = std::min(box_[2 * i + 1].low[d], box_[2 * i + 2].low[d]);

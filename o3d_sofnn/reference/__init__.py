@@ -8,6 +8,7 @@ arrays of the same shapes. Nothing in the package calls them.
 from .field import evaluate_field
 from .inference import consequent_errors, infer_normals
 from .local_fit import fit_rules, fit_scales
+from .morton import sort_morton
 from .neighbors import crowded, query
 from .rlps import reconstruct_units
 from .rules import Rules
@@ -25,5 +26,6 @@ __all__ = [
     "infer_normals",
     "query",
     "reconstruct_units",
+    "sort_morton",
     "typical_data",
 ]
