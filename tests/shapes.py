@@ -77,6 +77,11 @@ def join(*shapes: Shape) -> Shape:
     )
 
 
+def angles(normals: NDArray[np.float64], truth: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return angles in degrees, 0 to 180, between unit normals and the true ones."""
+    return np.degrees(np.arccos(np.clip((normals * truth).sum(axis=1), -1.0, 1.0)))
+
+
 def _directions(rng: np.random.Generator, n: int) -> NDArray[np.float64]:
     vectors = rng.normal(size=(n, 3))
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

@@ -128,8 +128,10 @@ def test_an_output_of_the_wrong_kind(tmp_path, capfd, scan, command, name):
     assert name in complaint(capfd)
 
 
-@pytest.mark.parametrize("old", [None, b"old"])
-@pytest.mark.parametrize("ending", [".ply", ".xyz", ".pcd", ".npz", ".las", ".laz"])
+@pytest.mark.parametrize(
+    ("ending", "old"),
+    [(".ply", None), *((end, b"old") for end in (".ply", ".xyz", ".pcd", ".npz", ".las", ".laz"))],
+)
 def test_a_full_disk_leaves_the_output_as_it_was(tmp_path, scan, ending, old):
     output = tmp_path / f"out{ending}"
     if old is not None:

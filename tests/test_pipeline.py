@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mesh_checks import assert_valid_mesh
 from scipy.spatial import cKDTree
-from shapes import box, join, plane_patch, sphere, torus, two_spheres
+from shapes import angles, box, join, plane_patch, sphere, torus, two_spheres
 
 from o3d_sofnn import metrics
 from o3d_sofnn.pipeline import STAGES, estimate_normals, reconstruct_surface
@@ -18,10 +18,6 @@ SHAPES = {
     "two spheres": (two_spheres(3000), 2, 4, 8.0 / 3.0 * np.pi),
 }
 """Shape, pieces, Euler number, volume."""
-
-
-def angles(normals, truth):
-    return np.degrees(np.arccos(np.clip((normals * truth).sum(axis=1), -1.0, 1.0)))
 
 
 # --- normals

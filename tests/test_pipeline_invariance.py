@@ -9,16 +9,12 @@ from hypothesis import strategies as st
 from mesh_checks import assert_valid_mesh
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
-from shapes import torus
+from shapes import angles, torus
 
 from o3d_sofnn import metrics
 from o3d_sofnn.pipeline import estimate_normals, reconstruct_surface
 
 FEW = settings(max_examples=3, deadline=None, derandomize=True)
-
-
-def angles(normals, truth):
-    return np.degrees(np.arccos(np.clip((normals * truth).sum(axis=1), -1.0, 1.0)))
 
 
 def cloud(seed, n=600):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +55,15 @@ def state(tmp_path: Path) -> Callable[[Any], Any]:
         return meshes, ms.current_mesh_id() if meshes else None, script.read_text()
 
     return state
+
+
+@pytest.fixture
+def unregistered() -> Iterator[None]:
+    """Take back, after the test, what it registered."""
+    import meshlab_sofnn
+
+    yield
+    meshlab_sofnn.unregister()
 
 
 @pytest.fixture(scope="session")

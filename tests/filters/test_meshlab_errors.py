@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +15,10 @@ from numpy.typing import NDArray
 pymeshlab = pytest.importorskip("pymeshlab", reason="PyMeshLab is not installed")
 import meshlab_sofnn  # noqa: E402 - it needs PyMeshLab
 
+pytestmark = pytest.mark.usefixtures("unregistered")
+
 RECONSTRUCT = "generate_surface_reconstruction_sofnn"
 NORMALS = "compute_normal_for_point_clouds_sofnn"
-
-
-@pytest.fixture(autouse=True)
-def _nothing_registered() -> Iterator[None]:
-    yield
-    meshlab_sofnn.unregister()
 
 
 BAD = [

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +15,10 @@ from o3d_sofnn import pipeline
 pymeshlab = pytest.importorskip("pymeshlab", reason="PyMeshLab is not installed")
 import meshlab_sofnn  # noqa: E402 - it needs PyMeshLab
 
+pytestmark = pytest.mark.usefixtures("unregistered")
+
 RECONSTRUCT = "generate_surface_reconstruction_sofnn"
 NORMALS = "compute_normal_for_point_clouds_sofnn"
-
-
-@pytest.fixture(autouse=True)
-def _nothing_registered() -> Iterator[None]:
-    yield
-    meshlab_sofnn.unregister()
 
 
 def test_registered_filters_work_like_built_in_ones(ms: Any, points: Any) -> None:
