@@ -8,21 +8,19 @@ from __future__ import annotations
 
 import argparse
 import csv
-import os
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import inputs
-import numpy as np
+from meshlab_sofnn import peers as chains
 
 from o3d_sofnn import metrics
 from o3d_sofnn.compare.isolated import call
 from o3d_sofnn.compare.measure import FIGURES, Truth, figures
-from o3d_sofnn.compare.peers import DEPTH, NEIGHBORS, Array, Mesh
+from o3d_sofnn.compare.peers import Array
 
 HERE = Path(__file__).parent
 NOISE = (0.0, 0.005)
@@ -32,20 +30,15 @@ SAMPLES = 50_000
 PATIENT = {"OMP_WAIT_POLICY": "PASSIVE"}
 """Threads of OpenMP that wait at a barrier sleep: on a busy machine they would delay each other."""
 
-NORMALS = "compute_normal_for_point_clouds"
-SURFACE = "generate_surface_reconstruction"
-# Its default of 16 threads is many times slower on a machine with fewer cores.
-POISSON = (f"{SURFACE}_screened_poisson", {"depth": DEPTH, "threads": os.cpu_count() or 1})
-METHODS: dict[str, tuple[tuple[str, dict[str, Any]], ...]] = {
-    "ours": ((f"{SURFACE}_sofnn", {}),),
-    "our normals, screened Poisson": ((f"{NORMALS}_sofnn", {}), POISSON),
-    "screened Poisson": ((NORMALS, {"k": NEIGHBORS}), POISSON),
-    "ball pivoting": ((NORMALS, {"k": NEIGHBORS}), (f"{SURFACE}_ball_pivoting", {})),
-    "RIMLS": ((NORMALS, {"k": NEIGHBORS}), ("generate_marching_cubes_rimls", {})),
-    "APSS": ((NORMALS, {"k": NEIGHBORS}), ("generate_marching_cubes_apss", {})),
+TITLES = {
+    "meshlab_sofnn": "ours",
+    "meshlab_sofnn_poisson": "our normals, screened Poisson",
+    "meshlab_poisson": "screened Poisson",
+    "meshlab_ball_pivoting": "ball pivoting",
+    "meshlab_rimls": "RIMLS",
+    "meshlab_apss": "APSS",
 }
-"""Filters with their parameters, those for the normals first; the rest are MeshLab's defaults."""
-
+"""Of the chains of filters."""
 SHOWN = ("chamfer", "hausdorff", "normal_consistency", "flipped")
 COUNTED = ("components", "triangles")
 
@@ -67,7 +60,7 @@ def main() -> int:
     table = "\n".join(_table(rows))
     (output / "meshlab.md").write_text(table + "\n", encoding="utf-8")
     print(f"\n{table}\n\n{output / 'meshlab.csv'}\n{output / 'meshlab.md'}")
-    return int(any(row["error"] for row in rows if row["method"] == "ours"))
+    return int(any(row["error"] for row in rows if row["method"] == "meshlab_sofnn"))
 
 
 def _clouds(files: list[Path], count: int) -> Iterator[tuple[str, Array, Truth]]:
@@ -93,7 +86,7 @@ def _clouds(files: list[Path], count: int) -> Iterator[tuple[str, Array, Truth]]
 
 def _run(points: Array, truth: Truth, method: str, count: int, timeout: float) -> dict[str, Any]:
     """Return a row of the table; what fails becomes one with its message."""
-    outcome = call(_apply, points, METHODS[method], timeout=timeout, environment=PATIENT)
+    outcome = call(chains.run, points, method, timeout=timeout, environment=PATIENT)
     if outcome.error:
         return {"error": outcome.error}
     mesh, normals_seconds, seconds = outcome.value
@@ -109,29 +102,6 @@ def _run(points: Array, truth: Truth, method: str, count: int, timeout: float) -
     }
 
 
-def _apply(
-    points: Array, filters: tuple[tuple[str, dict[str, Any]], ...]
-) -> tuple[Mesh, float, float]:
-    """Run filters; return the mesh, the seconds for normals and those for all of it."""
-    import meshlab_sofnn
-    import pymeshlab
-
-    meshlab_sofnn.register()
-    ms = pymeshlab.MeshSet(verbose=False)
-    ms.add_mesh(pymeshlab.Mesh(points))
-    normals, normals_seconds, seconds = None, 0.0, 0.0
-    for name, parameters in filters:
-        started = time.perf_counter()
-        ms.apply_filter(name, **parameters)
-        seconds += time.perf_counter() - started
-        if name.startswith(NORMALS):
-            normals_seconds = seconds
-            normals = np.array(ms.current_mesh().vertex_normal_matrix(), order="C")
-    mesh = ms.current_mesh()
-    result = Mesh.of(mesh.vertex_matrix(), mesh.face_matrix(), normals)
-    return result, normals_seconds, seconds
-
-
 def _table(rows: list[dict[str, Any]]) -> Iterator[str]:
     """Yield the lines of a Markdown table; the medians of each method come last."""
     titles = [FIGURES[key] for key in (*SHOWN, *COUNTED)]
@@ -140,7 +110,7 @@ def _table(rows: list[dict[str, Any]]) -> Iterator[str]:
     yield "|" + "---|" * len(head)
     methods = list(dict.fromkeys(row["method"] for row in rows))
     for row in [*rows, *(_median(rows, method) for method in methods)]:
-        cells = [row["input"], row["method"]]
+        cells = [row["input"], TITLES[row["method"]]]
         if row["error"]:
             cells += [row["error"]]
         else:
@@ -180,7 +150,7 @@ def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("truth", nargs="*", type=Path, help="closed meshes to sample")
-    parser.add_argument("--methods", nargs="+", choices=list(METHODS), default=list(METHODS))
+    parser.add_argument("--methods", nargs="+", choices=list(TITLES), default=list(TITLES))
     parser.add_argument("--points", type=int, default=20_000, help="drawn from each mesh")
     parser.add_argument(
         "--out",

@@ -14,7 +14,10 @@ Row = dict[str, Any]
 WIDTH, HEIGHT = 460, 320
 LEFT, RIGHT, TOP, BOTTOM = 62, 14, 14, 46
 """Margins around the plotted area."""
-COLORS = ("#c22f2f", "#1f6fb2", "#2f9e6e", "#8a63c9", "#c9791a", "#5f7480", "#b8508f")
+COLORS = (
+    *("#c22f2f", "#1f6fb2", "#2f9e6e", "#8a63c9", "#c9791a"),
+    *("#5f7480", "#b8508f", "#6f7d1c", "#7a4a3a"),
+)
 """Of the methods in their order, as in the page's light theme."""
 
 

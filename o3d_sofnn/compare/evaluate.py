@@ -29,6 +29,8 @@ METHODS = {
     "meshlab_poisson": "meshlab_sofnn.peers",
     "meshlab_ball_pivoting": "meshlab_sofnn.peers",
     "meshlab_rimls": "meshlab_sofnn.peers",
+    "meshlab_apss": "meshlab_sofnn.peers",
+    "meshlab_sofnn": "meshlab_sofnn.peers",
 }
 """Names of the methods, and the modules that have a function of that name."""
 WORST = 0.01

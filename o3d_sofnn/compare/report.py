@@ -28,6 +28,8 @@ TITLES = {
     "meshlab_poisson": "MeshLab screened Poisson",
     "meshlab_ball_pivoting": "MeshLab ball pivoting",
     "meshlab_rimls": "MeshLab RIMLS",
+    "meshlab_apss": "MeshLab APSS",
+    "meshlab_sofnn": "o3d_sofnn in MeshLab",
 }
 """Of methods, and of the pane of the points."""
 SMALLER_IS_BETTER = {
