@@ -106,8 +106,8 @@ def infer_normals(
     """Infer a normal at every row of `x` from the `k` nearest rules, eq. (7) and (9).
 
     Rules that face the way of `sides` (m, 3), unit vectors or zero, have a larger share. Returns
-    unit normals (m, 3), and (m, 2): agreement of the rules, residual to the best one. Fast where
-    consecutive places lie close together.
+    unit normals (m, 3), and (m, 2): agreement of the rules, residual to the best one. Fastest
+    where consecutive places lie close together.
     """
 
 def reconstruct_units(

@@ -147,11 +147,13 @@ NB_MODULE(_kernels, m) {
           std::vector<double> normal(3 * n), info(2 * n);
           {
             nb::gil_scoped_release release;
+            const Places places(rules, x.data(), sides ? sides->data() : nullptr, n, k, threads);
             parallel_for(n, 256, threads, [&](int64_t lo, int64_t hi) {
               InferenceScratch s;
-              infer_runs(rules, x.data() + 3 * lo, sides ? sides->data() + 3 * lo : nullptr, hi - lo, k, s,
+              infer_runs(rules, places.x(lo), places.sides(lo), hi - lo, k, s,
                          [&](int64_t first) { run_normals(s, &normal[3 * (lo + first)], &info[2 * (lo + first)]); });
             });
+            normal = places.restore(std::move(normal), 3), info = places.restore(std::move(info), 2);
           }
           return nb::make_tuple(array(std::move(normal), {n, 3}), array(std::move(info), {n, 2}));
         },
@@ -215,10 +217,11 @@ NB_MODULE(_kernels, m) {
           std::vector<double> error(count, 0.0), share(count, 0.0);
           {
             nb::gil_scoped_release release;
+            const Places places(rules, x.data(), nullptr, n, k, threads);
             std::vector<std::vector<RuleError>> parts((n + kErrorChunk - 1) / kErrorChunk);
             parallel_for(n, kErrorChunk, threads, [&](int64_t lo, int64_t hi) {
               InferenceScratch s;
-              infer_runs(rules, x.data() + 3 * lo, nullptr, hi - lo, k, s, [&](int64_t) { run_errors(s, parts[lo / kErrorChunk]); });
+              infer_runs(rules, places.x(lo), nullptr, hi - lo, k, s, [&](int64_t) { run_errors(s, parts[lo / kErrorChunk]); });
             });
             for (const auto& part : parts)  // in the order of the places: the same sum for any number of threads
               for (const RuleError& e : part) error[e.index] += e.error, share[e.index] += e.share;

@@ -4,6 +4,7 @@
 #pragma once
 #include <array>
 
+#include "morton.hpp"
 #include "rules.hpp"
 
 namespace sofnn {
@@ -143,6 +144,51 @@ inline void infer_run(const RuleView& view, int64_t k, InferenceScratch& s) {
   }
   weigh_rules(s.rules.data(), s.used, s.best.data(), s.weight_sum.data());
 }
+
+// Places in an order in which consecutive ones lie close together: their own if it is such a one, else along the Morton
+// curve.
+class Places {
+ public:
+  Places(const RuleView& view, const double* x, const double* sides, int64_t n, int64_t k, int threads)
+      : x_(x), sides_(sides) {
+    if (close_together(view, x, n, k)) return;
+    const std::vector<MortonEntry> entries = sort_morton(x, n, threads);
+    order_.resize(n), sorted_x_.resize(3 * n), sorted_sides_.resize(sides ? 3 * n : 0);
+    for (int64_t i = 0; i < n; ++i) {
+      order_[i] = entries[i].index;
+      std::copy_n(x + 3 * order_[i], 3, &sorted_x_[3 * i]);
+      if (sides) std::copy_n(sides + 3 * order_[i], 3, &sorted_sides_[3 * i]);
+    }
+    x_ = sorted_x_.data();
+    if (sides) sides_ = sorted_sides_.data();
+  }
+
+  const double* x(int64_t i) const { return x_ + 3 * i; }
+  const double* sides(int64_t i) const { return sides_ ? sides_ + 3 * i : nullptr; }
+
+  // Rows of so many columns back in the order of the caller.
+  std::vector<double> restore(std::vector<double>&& rows, int64_t columns) const {
+    if (order_.empty()) return std::move(rows);
+    std::vector<double> out(rows.size());
+    for (size_t i = 0; i < order_.size(); ++i) std::copy_n(&rows[columns * i], columns, &out[columns * order_[i]]);
+    return out;
+  }
+
+ private:
+  const double *x_, *sides_;
+  std::vector<int64_t> order_;
+  std::vector<double> sorted_x_, sorted_sides_;
+
+  // Whether most of some evenly chosen runs can share one search.
+  static bool close_together(const RuleView& view, const double* x, int64_t n, int64_t k) {
+    constexpr int64_t kTrials = 32;
+    Candidates near;
+    int64_t shared = 0;
+    for (int64_t t = 0; t < kTrials && n > kLanes; ++t)
+      shared += view.tree.gather(x + 3 * (t * (n - kLanes) / kTrials), kLanes, k, near);
+    return n <= kLanes || 2 * shared >= kTrials;
+  }
+};
 
 // visit(first) for consecutive runs of n places, with what their rules say in s.
 template <class Visit>
