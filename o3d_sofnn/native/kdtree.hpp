@@ -36,15 +36,16 @@ inline Neighbor select_nearest(Neighbor* a, int64_t m, int64_t k, std::vector<Ne
   for (int64_t i = 0; i < m; ++i) ++count[bin(a[i])];
   int32_t last = 0;
   for (int64_t below = count[0]; below < k; below += count[last]) ++last;
-  tied.clear();
-  int64_t front = 0;
+  if (static_cast<int64_t>(tied.size()) <= m) tied.resize(2 * m);
+  int64_t front = 0, ties = 0;
   for (int64_t i = 0; i < m; ++i) {
-    const int32_t b = bin(a[i]);
-    if (b == last) tied.push_back(a[i]);
-    if (b < last) a[front++] = a[i];
+    const Neighbor e = a[i];
+    const int32_t b = bin(e);
+    tied[ties] = e, ties += b == last;
+    a[front] = e, front += b < last;
   }
   const auto end = tied.begin() + (k - front);
-  std::nth_element(tied.begin(), end - 1, tied.end());
+  std::nth_element(tied.begin(), end - 1, tied.begin() + ties);
   std::copy(tied.begin(), end, a + front);
   return a[k - 1];
 }
@@ -241,18 +242,35 @@ class KdTree {
     }
   }
 
-  SOFNN_CLONES static void search(const KdTree& t, Vec3 x, int64_t k, double max_sq, Search& s) {
+  static void search(const KdTree& t, Vec3 x, int64_t k, double max_sq, Search& s) {
+    k = std::min(k, t.n_);
+    double bound = max_sq;
+    if (s.k_ >= k) {
+      const double reach = std::sqrt(s.sq_radius_) + norm(x - s.place_);
+      bound = std::min(bound, reach * reach * (1 + 1e-9));
+    }
+    // On a surface of even density the squared radius grows as the number of neighbours.
+    constexpr double kSpare = 1.25;
+    const double guess = s.k_ > 0 ? kSpare * s.sq_radius_ * static_cast<double>(k) / static_cast<double>(s.k_) : bound;
+    int64_t m = 0;
+    if (k > kFew && guess < bound) m = collect(t, x, k, guess, s);
+    if (m < k) m = collect(t, x, k, bound, s);
+    s.sq_radius_ = 0;
+    if (m > k)
+      s.sq_radius_ = select_nearest(s.found_.data(), m, k, s.tied_).sq_dist, m = k;
+    else
+      for (int64_t i = 0; i < m; ++i) s.sq_radius_ = std::max(s.sq_radius_, s.found_[i].sq_dist);
+    s.size_ = m, s.place_ = x;
+    s.k_ = m == k ? k : 0;  // fewer within the limit say nothing about the next place
+  }
+
+  // At least the k nearest points within worst, in s.found_; returns how many.
+  SOFNN_CLONES static int64_t collect(const KdTree& t, Vec3 x, int64_t k, double worst, Search& s) {
     constexpr double kSlack = 1 + 1e-12;  // rounding must not hide an equally near point with a lower index
     struct Entry {
       int64_t node;
       double sq;
     } stack[64];
-    k = std::min(k, t.n_);
-    double worst = max_sq;
-    if (s.k_ >= k) {
-      const double reach = std::sqrt(s.sq_radius_) + norm(x - s.place_);
-      worst = std::min(worst, reach * reach * (1 + 1e-9));
-    }
     const int64_t enough = k <= kFew ? k : 2 * k + 32, first_leaf = (int64_t{1} << t.depth_) - 1;
     if (static_cast<int64_t>(s.found_.size()) < enough + 2 * kLeaf) s.found_.resize(enough + 2 * kLeaf);
     Neighbor* found = s.found_.data();
@@ -288,11 +306,7 @@ class KdTree {
         if (m > enough) worst = select_nearest(found, m, k, s.tied_).sq_dist, m = k;
       }
     }
-    if (m > k) select_nearest(found, m, k, s.tied_), m = k;
-    s.sq_radius_ = 0;
-    for (int64_t i = 0; i < m; ++i) s.sq_radius_ = std::max(s.sq_radius_, found[i].sq_dist);
-    s.size_ = m, s.place_ = x;
-    s.k_ = m == k ? k : 0;  // fewer within the limit say nothing about the next place
+    return m;
   }
 };
 
