@@ -166,18 +166,21 @@ class WindingTree:
     def order(self) -> _Ints:
         """Order (n,) in which consecutive points lie close together."""
 
-    def evaluate(
-        self,
-        mu: _Floats | None,
-        charge: _Floats | None,
-        x: _Floats,
-        width: _Floats,
-        theta: float,
-        n_threads: int,
-    ) -> tuple[_Floats, _Floats, _Floats]:
-        """Sum dipoles `mu` (n, 3) and charges (n,) at every row of `x`, smoothed over `width` (m,).
+    def winding(
+        self, mu: _Floats, x: _Floats, width: _Floats, theta: float, n_threads: int
+    ) -> _Floats:
+        """Winding number (m,) at every row of `x` of dipoles `mu` (n, 3), smoothed over `width`.
 
         A node that looks smaller than the opening angle `theta` is summed at its centre;
-        consecutive places share that decision. Returns winding number (m,), its downhill gradient
-        (m, 3), and the transposed operator of the charges (m, 3).
+        consecutive places share that decision.
         """
+
+    def gradient(
+        self, mu: _Floats, x: _Floats, width: _Floats, theta: float, n_threads: int
+    ) -> tuple[_Floats, _Floats]:
+        """Winding number (m,) and its downhill gradient (m, 3); arguments as above."""
+
+    def adjoint(
+        self, charge: _Floats, x: _Floats, width: _Floats, theta: float, n_threads: int
+    ) -> _Floats:
+        """Transposed operator of charges (n,) at every row of `x`, (m, 3), up to its sign."""

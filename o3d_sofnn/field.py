@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _kernels
-from .orientation import OPENING, cell_areas
 from .rlps import LocalSurfaces
 from .rules import RuleBase
+from .winding import OPENING, cell_areas
 
 REACH = (0.75, 1.5)
 """Distance from the data, over the spacing, up to which the local implicits speak alone, and from
@@ -69,9 +69,7 @@ class Field:
     ) -> NDArray[np.float64]:
         """Winding number of the samples at `x`, (m,), smoothed as their spacing there wants."""
         return np.asarray(
-            self._far_tree.evaluate(
-                self._dipoles, None, x, WIDTH * spacing, OPENING, self.n_threads
-            )[0]
+            self._far_tree.winding(self._dipoles, x, WIDTH * spacing, OPENING, self.n_threads)
         )
 
     def __call__(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -1,4 +1,4 @@
-"""Stage 5: one side per rule, from a global criterion."""
+"""Stage 5: sides of connected pieces: open sheets, and what the user wants them to face."""
 
 from __future__ import annotations
 
@@ -9,106 +9,17 @@ from numpy.typing import NDArray
 
 from ._kernels import KdTree, WindingTree
 from .rules import RuleBase
+from .winding import OPENING, cell_areas
 
-REPRESENTATIVES = 8000
-"""Largest number of unknowns of the global problem."""
-ITERATIONS = 20
-SPACINGS, NOISES = 0.7, 2.6
-"""Smoothing width at the last iteration: so many distances of representatives and so many standard
-deviations of the noise. Less of it and the noise decides, more and thin parts vanish."""
-WIDER = 2.5
-"""Smoothing width at the first iteration, over that at the last, at least."""
-WIDEST = 3.0
-"""The same over the distance of representatives."""
 ALIKE = 0.7
 """Least cosine between the planes of neighbouring rules that hand on a sign."""
 CLOSED = 0.72
 """Share of a piece with nothing in front of it from which on it counts as closed."""
+NOISY = (5.0, 0.04)
+"""Largest rise over the noise of a step between the two sides that the winding number makes of one
+noisy sheet (3.2 for halves of a Gaussian), and least share of such steps in a piece like that."""
 RISE = 0.7
 """Largest rise of the step between them over both planes together, over its length."""
-OPENING = 0.5
-"""Opening angle of the tree code: a node is summed at its centre when it looks smaller."""
-
-
-def orient_points(points: NDArray[np.float64], noise: float, n_threads: int) -> NDArray[np.float64]:
-    """Find outward normals at all points from a global criterion alone.
-
-    The winding number normals of an even choice of the points define a smooth winding number; its
-    gradient is evaluated everywhere. No local fit takes part: on parts hardly thicker than the
-    noise, where a fit sees both sides, the sides are still told apart.
-
-    Parameters
-    ----------
-    points : (n, 3) float64
-        Distinct points in Morton order.
-    noise : float
-        Standard deviation of the points about the surface.
-    n_threads : int
-        Threads.
-
-    Returns
-    -------
-    (n, 3) float64
-        Unit normals.
-    """
-    n = len(points)
-    chosen = np.linspace(0, n - 1, min(n, REPRESENTATIVES)).astype(np.int64)
-    x = np.ascontiguousarray(points[chosen])
-    near = KdTree(x, n_threads).query(x, min(5, len(x)), np.inf, n_threads)[0]
-    spacing = float(np.median(near[:, 1:]))
-    last = SPACINGS * spacing + NOISES * noise
-    mu = winding_number_normals(x, (max(WIDEST * spacing, WIDER * last), last), n_threads)
-    tree = WindingTree(x, np.linalg.norm(mu, axis=1))
-    gradient = tree.evaluate(mu, None, points, np.full(n, last), OPENING, n_threads)[1]
-    length = np.linalg.norm(gradient, axis=1, keepdims=True)
-    return np.asarray(gradient / np.maximum(length, 1e-300))
-
-
-def winding_number_normals(
-    x: NDArray[np.float64], widths: tuple[float, float], n_threads: int
-) -> NDArray[np.float64]:
-    """Find normals whose winding number is one half on the surface and that are its gradient.
-
-    Lin, Shi and Liu, "Fast and globally consistent normal orientation based on the winding number
-    normal consistency" (2024): a gradient step on ``|A mu - 1/2|^2`` alternates with
-    ``mu <- |mu| * unit(-grad(winding number of mu))``, with a smoothing width that shrinks.
-
-    Parameters
-    ----------
-    x : (m, 3) float64
-        Positions on the surface or scattered about it.
-    widths : tuple of float
-        Smoothing width at the first and the last iteration, in the unit of the points.
-    n_threads : int
-        Threads.
-
-    Returns
-    -------
-    (m, 3) float64
-        Area-weighted outward normals.
-    """
-    order = np.asarray(WindingTree(x, np.ones(len(x))).order())
-    sorted_x = np.ascontiguousarray(x[order])
-    tree = WindingTree(sorted_x, np.ones(len(x)))
-    mu = np.zeros_like(sorted_x)
-    for now in np.geomspace(*widths, ITERATIONS):
-        width = np.full(len(x), now)
-
-        def winding(m: NDArray[np.float64], w: NDArray[np.float64] = width) -> NDArray[np.float64]:
-            return np.asarray(tree.evaluate(m, None, sorted_x, w, OPENING, n_threads)[0])
-
-        error = 0.5 - winding(mu)
-        descent = -tree.evaluate(None, error, sorted_x, width, OPENING, n_threads)[2]
-        response = winding(descent)
-        scale = float((response**2).sum())
-        if scale > 0:
-            mu = mu + float((descent**2).sum()) / scale * descent
-        gradient = tree.evaluate(mu, None, sorted_x, width, OPENING, n_threads)[1]
-        length = np.linalg.norm(mu, axis=1, keepdims=True)
-        mu = length * gradient / np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-300)
-    result = np.empty_like(mu)
-    result[order] = mu
-    return result
 
 
 def unify(rules: RuleBase, n_threads: int) -> tuple[RuleBase, NDArray[np.bool_]]:
@@ -117,8 +28,9 @@ def unify(rules: RuleBase, n_threads: int) -> tuple[RuleBase, NDArray[np.bool_]]
     Hoppe et al. 1992: signs are handed on along a spanning tree of the rules whose edges prefer
     equal tangent planes; only edges that run along the surface count, so that the sides of a thin
     wall are not joined. The tree replaces the winding number's signs only on a connected piece that
-    is open (one spacing in front of it the winding number is not zero) and only when it leaves less
-    than half as many edges in contradiction; the whole piece keeps the side that most of it had.
+    is open (one spacing in front of it the winding number is not zero, or its two sides are no
+    farther apart than noise alone would put them) and only when it leaves less than half as many
+    edges in contradiction; the whole piece keeps the side that most of it had.
 
     Parameters
     ----------
@@ -144,7 +56,7 @@ def unify(rules: RuleBase, n_threads: int) -> tuple[RuleBase, NDArray[np.bool_]]
     )
     cosine = np.einsum("ed,ed->e", normals[a], normals[b])
     along = (np.abs(cosine) > ALIKE) & (rise < RISE * length)
-    a, b, cosine = a[along], b[along], cosine[along]
+    a, b, cosine, rise = a[along], b[along], cosine[along], rise[along]
     graph = scipy.sparse.coo_matrix((1.0 - np.abs(cosine) + 1e-6, (a, b)), shape=(n, n)).tocsr()
     tree = scipy.sparse.csgraph.minimum_spanning_tree(graph.maximum(graph.T))
     piece = scipy.sparse.csgraph.connected_components(tree, directed=False)[1]
@@ -156,7 +68,11 @@ def unify(rules: RuleBase, n_threads: int) -> tuple[RuleBase, NDArray[np.bool_]]
     before = np.bincount(pieces_of_edges, cosine < 0, count)
     after = np.bincount(pieces_of_edges, sign[a] * sign[b] * cosine < 0, count)
     closed = np.bincount(piece, area * empty_in_front(rules, n_threads)) / np.bincount(piece, area)
-    replaced = ((after < 0.5 * before) & (closed < CLOSED))[piece]
+    within_noise = (cosine < 0) & (rise < NOISY[0] * np.maximum(rules.noise[a], rules.noise[b]))
+    noisy = np.bincount(pieces_of_edges, within_noise, count) > NOISY[1] * np.bincount(
+        pieces_of_edges, minlength=count
+    )
+    replaced = ((after < 0.5 * before) & ((closed < CLOSED) | noisy))[piece]
     return rules.facing(normals * np.where(replaced, sign, 1.0)[:, None]), replaced
 
 
@@ -181,28 +97,8 @@ def empty_in_front(rules: RuleBase, n_threads: int) -> NDArray[np.bool_]:
     tree = WindingTree(feet, area)
     x = np.ascontiguousarray(feet + spacing * normals)
     width = np.full(len(x), 0.7 * spacing)
-    winding = tree.evaluate(area[:, None] * normals, None, x, width, OPENING, n_threads)[0]
+    winding = tree.winding(area[:, None] * normals, x, width, OPENING, n_threads)
     return np.asarray(np.abs(winding) < 0.25)
-
-
-def cell_areas(x: NDArray[np.float64], n_threads: int) -> NDArray[np.float64]:
-    """Area of surface around each sample, from the distance of its neighbours.
-
-    Parameters
-    ----------
-    x : (n, 3) float64
-        Samples.
-    n_threads : int
-        Threads.
-
-    Returns
-    -------
-    (n,) float64
-        ``pi r_k^2 / k`` with the k nearest.
-    """
-    k = min(9, len(x))
-    distance, _ = KdTree(x, n_threads).query(x, k, np.inf, n_threads)
-    return np.asarray(np.pi * distance[:, -1] ** 2 / max(k - 0.5, 1.0))
 
 
 def _signs_along(

@@ -17,7 +17,7 @@ from .field import Field
 from .growth import adjust, combine, generate
 from .local_fit import Scale, choose_scale, find_outliers
 from .octree import sort_unique
-from .orientation import face, orient_points, turn_along, unify
+from .orientation import face, turn_along, unify
 from .relaxation import relax
 from .resolution import choose_levels, choose_voxel_size
 from .results import NormalEstimate, SurfaceEstimate
@@ -25,6 +25,7 @@ from .rlps import local_surfaces
 from .rules import RuleBase, fit_rules, infer_normals, sides_around, typical_data
 from .surface import extract
 from .trimming import cut, drop_strays
+from .winding import orient_points
 
 __all__ = ["STAGES", "NormalEstimate", "SurfaceEstimate", "estimate_normals", "reconstruct_surface"]
 

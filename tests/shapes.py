@@ -82,6 +82,15 @@ def angles(normals: NDArray[np.float64], truth: NDArray[np.float64]) -> NDArray[
     return np.degrees(np.arccos(np.clip((normals * truth).sum(axis=1), -1.0, 1.0)))
 
 
+def inside_out(shape: Shape) -> Shape:
+    return shape._replace(normals=-shape.normals)
+
+
+def nested_spheres(n: int) -> Shape:
+    """A hollow ball: normals of the inner sphere point into the cavity."""
+    return join(sphere(n), inside_out(sphere(n // 4, radius=0.5, seed=1)))
+
+
 def _directions(rng: np.random.Generator, n: int) -> NDArray[np.float64]:
     vectors = rng.normal(size=(n, 3))
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

@@ -247,7 +247,10 @@ def test_results_do_not_depend_on_the_number_of_threads(n_threads):
         yield from _kernels.consequent_errors(view(rules), x, 12, threads)
         yield _kernels.evaluate_field(view(rules), *random_terms(1500), x, 16, threads)
         widths = np.full(len(x), 0.1)
-        yield from _kernels.WindingTree(points, area).evaluate(mu, area, x, widths, 0.5, threads)
+        sources = _kernels.WindingTree(points, area)
+        yield sources.winding(mu, x, widths, 0.5, threads)
+        yield from sources.gradient(mu, x, widths, 0.5, threads)
+        yield sources.adjoint(area, x, widths, 0.5, threads)
 
     for one, several in zip(everything(1), everything(n_threads), strict=True):
         assert np.asarray(one).tobytes() == np.asarray(several).tobytes()

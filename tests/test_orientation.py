@@ -7,16 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
-from shapes import Shape, box, join, plane_patch, sphere, torus, two_spheres
-
-from o3d_sofnn.octree import sort_unique
-from o3d_sofnn.orientation import (
-    face,
-    orient_points,
-    pieces,
-    turn_along,
-    winding_number_normals,
+from shapes import (
+    Shape,
+    box,
+    inside_out,
+    join,
+    nested_spheres,
+    plane_patch,
+    sphere,
+    torus,
+    two_spheres,
 )
+
+from o3d_sofnn.orientation import face, pieces, turn_along
 from o3d_sofnn.pipeline import estimate_normals
 from o3d_sofnn.reference.local_fit import frame_of
 from o3d_sofnn.rules import RuleBase
@@ -39,15 +42,6 @@ def rules_on(shape, seed=0):
     )
 
 
-def inside_out(shape):
-    return shape._replace(normals=-shape.normals)
-
-
-def nested_spheres(n):
-    """A hollow ball: normals of the inner sphere point into the cavity."""
-    return join(sphere(n), inside_out(sphere(n // 4, radius=0.5, seed=1)))
-
-
 def flipped(normals, shape):
     return float(((normals * shape.normals).sum(axis=1) < 0.0).mean())
 
@@ -61,15 +55,6 @@ SHAPES = {
     "two close objects": two_spheres(3000, 2.4),
     "thin plate": box(3000, (1.0, 1.0, 0.1)),
 }
-
-
-@pytest.mark.parametrize("name", SHAPES)
-def test_points_are_oriented_without_any_fit(name):
-    shape = SHAPES[name]
-    order, _ = sort_unique(shape.points)
-    normals = orient_points(np.ascontiguousarray(shape.points[order]), 0.0, 1)
-    assert (np.einsum("nd,nd->n", normals, shape.normals[order]) < 0.0).mean() == 0.0
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["torus", "thin plate"])
@@ -90,7 +75,7 @@ def test_sides_of_points_follow_turned_rules(name):
 @pytest.mark.parametrize("name", SHAPES)
 def test_normals_of_points_face_outwards(name, noise, bound):
     # A plate of 0.1 with a noise of 0.02 has points of one side beyond the middle.
-    limit = 0.02 if name == "thin plate" and noise == 0.02 else bound
+    limit = {0.0: 0.0, 0.005: 0.001, 0.02: 0.02}[noise] if name == "thin plate" else bound
     shape = SHAPES[name]
     normals = estimate_normals(shape.noisy(noise).points, n_threads=1).normals
     assert flipped(normals, shape) <= limit
@@ -128,15 +113,6 @@ def test_open_sheets_have_one_side(sheet, noise):
 def test_far_objects_of_different_size_are_both_oriented():
     shape = join(sphere(1500), sphere(1500, radius=0.2, seed=1).moved((20.0, 0.0, 0.0)))
     assert flipped(estimate_normals(shape.points, n_threads=1).normals, shape) == 0.0
-
-
-def test_winding_number_normals_are_outward_and_weighted_by_area():
-    points, normals = sphere(1500)
-    mu = winding_number_normals(points, (0.27, 0.063), 1)
-    length = np.linalg.norm(mu, axis=1)
-    cosine = (mu * normals).sum(axis=1) / length
-    assert (cosine > 0.9).all()
-    assert length.sum() == pytest.approx(4.0 * np.pi, rel=0.2)
 
 
 def test_pieces_are_the_connected_parts():

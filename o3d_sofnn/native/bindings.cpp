@@ -29,6 +29,28 @@ auto array(std::vector<T>&& data, std::initializer_list<size_t> shape) {
   return nb::ndarray<nb::numpy, T>(owned->data(), shape, owner);
 }
 
+std::vector<WindingSums> evaluate(const WindingTree& t, Sum what, const double* source, Points x, Doubles width,
+                                  double theta, int threads) {
+  std::vector<WindingSums> sums(x.shape(0));
+  nb::gil_scoped_release release;
+  t.evaluate(what, source, x.data(), width.data(), x.shape(0), theta, threads, sums.data());
+  return sums;
+}
+
+template <class Part>
+auto column(const std::vector<WindingSums>& sums, Part part) {
+  std::vector<double> values(sums.size());
+  std::transform(sums.begin(), sums.end(), values.begin(), part);
+  return array(std::move(values), {sums.size()});
+}
+
+template <class Part>
+auto columns(const std::vector<WindingSums>& sums, Part part) {
+  std::vector<double> values(3 * sums.size());
+  for (size_t i = 0; i < sums.size(); ++i) std::copy(part(sums[i]), part(sums[i]) + 3, &values[3 * i]);
+  return array(std::move(values), {sums.size(), (size_t)3});
+}
+
 NB_MODULE(_kernels, m) {
   nb::class_<KdTree>(m, "KdTree")
       .def_prop_ro("size", &KdTree::size)
@@ -253,20 +275,23 @@ NB_MODULE(_kernels, m) {
       .def("__init__", [](WindingTree* t, Points p, Doubles area) { new (t) WindingTree(p.data(), area.data(), p.shape(0)); },
            "points"_a, "area"_a, nb::call_guard<nb::gil_scoped_release>())
       .def("order", [](const WindingTree& t) { return array(std::vector<int64_t>(t.order()), {(size_t)t.size()}); })
-      .def("evaluate",
-           [](const WindingTree& t, std::optional<Points> mu, std::optional<Doubles> charge, Points x, Doubles width, double theta, int threads) {
-             const size_t n = x.shape(0);
-             std::vector<WindingSums> sums(n);
-             std::vector<double> w(n), g(3 * n), f(3 * n);
-             {
-               nb::gil_scoped_release release;
-               t.evaluate(mu ? mu->data() : nullptr, charge ? charge->data() : nullptr, x.data(), width.data(), n, theta, threads, sums.data());
-               for (size_t i = 0; i < n; ++i) {
-                 w[i] = sums[i].winding;
-                 for (int d = 0; d < 3; ++d) g[3 * i + d] = sums[i].gradient[d], f[3 * i + d] = sums[i].adjoint[d];
-               }
-             }
-             return nb::make_tuple(array(std::move(w), {n}), array(std::move(g), {n, 3}), array(std::move(f), {n, 3}));
+      .def("winding",
+           [](const WindingTree& t, Points mu, Points x, Doubles width, double theta, int threads) {
+             const std::vector<WindingSums> sums = evaluate(t, Sum::winding, mu.data(), x, width, theta, threads);
+             return column(sums, [](const WindingSums& s) { return s.winding; });
            },
-           "mu"_a.none(), "charge"_a.none(), "x"_a, "width"_a, "theta"_a, "n_threads"_a);
+           "mu"_a, "x"_a, "width"_a, "theta"_a, "n_threads"_a)
+      .def("gradient",
+           [](const WindingTree& t, Points mu, Points x, Doubles width, double theta, int threads) {
+             const std::vector<WindingSums> sums = evaluate(t, Sum::gradient, mu.data(), x, width, theta, threads);
+             return nb::make_tuple(column(sums, [](const WindingSums& s) { return s.winding; }),
+                                   columns(sums, [](const WindingSums& s) { return s.gradient; }));
+           },
+           "mu"_a, "x"_a, "width"_a, "theta"_a, "n_threads"_a)
+      .def("adjoint",
+           [](const WindingTree& t, Doubles charge, Points x, Doubles width, double theta, int threads) {
+             const std::vector<WindingSums> sums = evaluate(t, Sum::adjoint, charge.data(), x, width, theta, threads);
+             return columns(sums, [](const WindingSums& s) { return s.adjoint; });
+           },
+           "charge"_a, "x"_a, "width"_a, "theta"_a, "n_threads"_a);
 }

@@ -18,34 +18,70 @@ struct WindingSums {
   float winding, gradient[3], adjoint[3];
 };
 
+enum class Sum { winding, gradient, adjoint };  // gradient: with the winding number
+
 struct SourceBuffer {
   std::vector<float> x, y, z, mx, my, mz, q;
-  int64_t size = 0;
+  int64_t size = 0, capacity = 0;
   void reserve(int64_t n) {
-    for (auto* a : {&x, &y, &z, &mx, &my, &mz, &q})
-      if (static_cast<int64_t>(a->size()) < n) a->resize(2 * n);
+    if (n <= capacity) return;
+    capacity = std::max<int64_t>(2 * n, 2048);
+    for (auto* a : {&x, &y, &z, &mx, &my, &mz, &q}) a->resize(capacity);
   }
 };
 
-SOFNN_CLONES inline WindingSums sum_sources(const float* __restrict x, const float* __restrict y,
-                                            const float* __restrict z, const float* __restrict mx,
-                                            const float* __restrict my, const float* __restrict mz,
-                                            const float* __restrict q, int64_t n, float tx, float ty,
-                                            float tz, float sq_width) {
-  float w = 0, gx = 0, gy = 0, gz = 0, ax = 0, ay = 0, az = 0;
-  for (int64_t i = 0; i < n; ++i) {
+// 1 / sqrt(x) to 5e-6, without the slow division and square root: a guess from the exponent, two Newton steps.
+SOFNN_INLINE float inverse_sqrt(float x) {
+  int32_t bits;
+  std::memcpy(&bits, &x, sizeof bits);
+  bits = 0x5f375a86 - (bits >> 1);
+  float y;
+  std::memcpy(&y, &bits, sizeof y);
+  y *= 1.5f - 0.5f * x * y * y;
+  return y * (1.5f - 0.5f * x * y * y);
+}
+
+constexpr float kInverse4Pi = 0.07957747154594767f;
+
+SOFNN_CLONES inline WindingSums sum_winding(const SourceBuffer& b, float tx, float ty, float tz, float sq_width) {
+  const float *SOFNN_RESTRICT x = b.x.data(), *SOFNN_RESTRICT y = b.y.data(), *SOFNN_RESTRICT z = b.z.data();
+  const float *SOFNN_RESTRICT mx = b.mx.data(), *SOFNN_RESTRICT my = b.my.data(), *SOFNN_RESTRICT mz = b.mz.data();
+  float w = 0;
+  for (int64_t i = 0; i < b.size; ++i) {
     const float dx = x[i] - tx, dy = y[i] - ty, dz = z[i] - tz;
-    const float r2 = dx * dx + dy * dy + dz * dz;
-    const float inv2 = 1.0f / std::max(r2, sq_width);
-    const float inv3 = inv2 * std::sqrt(inv2);
+    const float inv = inverse_sqrt(std::max(dx * dx + dy * dy + dz * dz, sq_width));
+    w += (mx[i] * dx + my[i] * dy + mz[i] * dz) * (inv * inv * inv);
+  }
+  return {kInverse4Pi * w, {0, 0, 0}, {0, 0, 0}};
+}
+
+SOFNN_CLONES inline WindingSums sum_gradient(const SourceBuffer& b, float tx, float ty, float tz, float sq_width) {
+  const float *SOFNN_RESTRICT x = b.x.data(), *SOFNN_RESTRICT y = b.y.data(), *SOFNN_RESTRICT z = b.z.data();
+  const float *SOFNN_RESTRICT mx = b.mx.data(), *SOFNN_RESTRICT my = b.my.data(), *SOFNN_RESTRICT mz = b.mz.data();
+  float w = 0, gx = 0, gy = 0, gz = 0;
+  for (int64_t i = 0; i < b.size; ++i) {
+    const float dx = x[i] - tx, dy = y[i] - ty, dz = z[i] - tz;
+    const float inv = inverse_sqrt(std::max(dx * dx + dy * dy + dz * dz, sq_width));
+    const float inv2 = inv * inv, inv3 = inv2 * inv;
     const float md = mx[i] * dx + my[i] * dy + mz[i] * dz;
-    const float c = 3.0f * md * inv2, s = q[i] * inv3;
+    const float c = 3.0f * md * inv2;
     w += md * inv3;
     gx += inv3 * (mx[i] - c * dx), gy += inv3 * (my[i] - c * dy), gz += inv3 * (mz[i] - c * dz);
+  }
+  return {kInverse4Pi * w, {kInverse4Pi * gx, kInverse4Pi * gy, kInverse4Pi * gz}, {0, 0, 0}};
+}
+
+SOFNN_CLONES inline WindingSums sum_adjoint(const SourceBuffer& b, float tx, float ty, float tz, float sq_width) {
+  const float *SOFNN_RESTRICT x = b.x.data(), *SOFNN_RESTRICT y = b.y.data(), *SOFNN_RESTRICT z = b.z.data();
+  const float* SOFNN_RESTRICT q = b.q.data();
+  float ax = 0, ay = 0, az = 0;
+  for (int64_t i = 0; i < b.size; ++i) {
+    const float dx = x[i] - tx, dy = y[i] - ty, dz = z[i] - tz;
+    const float inv = inverse_sqrt(std::max(dx * dx + dy * dy + dz * dz, sq_width));
+    const float s = q[i] * (inv * inv * inv);
     ax += s * dx, ay += s * dy, az += s * dz;
   }
-  constexpr float k = 0.07957747154594767f;  // 1 / (4 pi)
-  return {k * w, {k * gx, k * gy, k * gz}, {k * ax, k * ay, k * az}};
+  return {0, {0, 0, 0}, {kInverse4Pi * ax, kInverse4Pi * ay, kInverse4Pi * az}};
 }
 
 class WindingTree {
@@ -85,20 +121,19 @@ class WindingTree {
 
   int64_t size() const { return n_; }
 
-  // mu (n, 3) and charge (n) may be null; width (m); out (m).
-  void evaluate(const double* mu, const double* charge, const double* targets, const double* width,
-                int64_t m, double theta, int threads, WindingSums* out) const {
+  // source: mu (n, 3), or for the adjoint the charge (n); width (m); out (m).
+  void evaluate(Sum what, const double* source, const double* targets, const double* width, int64_t m, double theta,
+                int threads, WindingSums* out) const {
     const int64_t nodes = (int64_t{2} << depth_) - 1;
-    std::vector<float> s[4], a[4];
-    for (int d = 0; d < 4; ++d) s[d].assign(n_, 0.0f), a[d].assign(nodes, 0.0f);
-    for (int64_t i = 0; i < n_; ++i) {
-      if (mu)
-        for (int d = 0; d < 3; ++d) s[d][i] = static_cast<float>(mu[3 * index_[i] + d]);
-      if (charge) s[3][i] = static_cast<float>(charge[index_[i]]);
+    const int columns = what == Sum::adjoint ? 1 : 3;
+    std::vector<float> s[3], a[3];
+    for (int d = 0; d < columns; ++d) {
+      s[d].resize(n_), a[d].resize(nodes);
+      for (int64_t i = 0; i < n_; ++i) s[d][i] = static_cast<float>(source[columns * index_[i] + d]);
     }
     const int64_t first_leaf = (int64_t{1} << depth_) - 1;
     for (int64_t node = nodes - 1; node >= 0; --node)
-      for (int d = 0; d < 4; ++d) {
+      for (int d = 0; d < columns; ++d) {
         float sum = 0;
         if (node >= first_leaf)
           for (int64_t j = bound(node - first_leaf, depth_); j < bound(node - first_leaf + 1, depth_); ++j)
@@ -107,28 +142,10 @@ class WindingTree {
           sum = a[d][2 * node + 1] + a[d][2 * node + 2];
         a[d][node] = sum;
       }
-    parallel_for(m, kGroup, threads, [&](int64_t lo, int64_t hi) {
+    parallel_for((m + kGroup - 1) / kGroup, kGroups, threads, [&](int64_t first, int64_t last) {
       SourceBuffer b;
-      float c[3] = {0, 0, 0}, radius = 0;
-      const int64_t count = hi - lo;
-      std::vector<float> t(3 * count);
-      for (int64_t i = lo; i < hi; ++i) {
-        const Vec3 p = load(targets + 3 * i) - origin_;
-        t[3 * (i - lo)] = static_cast<float>(p.x), t[3 * (i - lo) + 1] = static_cast<float>(p.y);
-        t[3 * (i - lo) + 2] = static_cast<float>(p.z);
-        for (int d = 0; d < 3; ++d) c[d] += t[3 * (i - lo) + d] / static_cast<float>(count);
-      }
-      for (int64_t i = 0; i < count; ++i) {
-        const float x = t[3 * i] - c[0], y = t[3 * i + 1] - c[1], z = t[3 * i + 2] - c[2];
-        radius = std::max(radius, x * x + y * y + z * z);
-      }
-      gather(c, std::sqrt(radius), static_cast<float>(1 / theta), s, a, b);
-      for (int64_t i = 0; i < count; ++i) {
-        const float w = static_cast<float>(width[lo + i]);
-        out[lo + i] = sum_sources(b.x.data(), b.y.data(), b.z.data(), b.mx.data(), b.my.data(), b.mz.data(),
-                                  b.q.data(), b.size, t[3 * i], t[3 * i + 1], t[3 * i + 2],
-                                  std::max(w * w, 1e-30f));
-      }
+      for (int64_t group = first; group < last; ++group)
+        evaluate_group(what, s, a, targets, width, kGroup * group, std::min(m, kGroup * (group + 1)), theta, b, out);
     });
   }
 
@@ -136,7 +153,7 @@ class WindingTree {
   const std::vector<int64_t>& order() const { return index_; }
 
  private:
-  static constexpr int64_t kLeaf = 16, kGroup = 16;
+  static constexpr int64_t kLeaf = 16, kGroup = 16, kGroups = 16;
   int64_t n_;
   int depth_ = 0;
   Vec3 origin_;
@@ -162,11 +179,36 @@ class WindingTree {
     });
   }
 
-  void gather(const float* c, float radius, float inv_theta, const std::vector<float>* s,
+  // Targets lo to hi share the nodes that are summed at their centres.
+  void evaluate_group(Sum what, const std::vector<float>* s, const std::vector<float>* a, const double* targets,
+                      const double* width, int64_t lo, int64_t hi, double theta, SourceBuffer& b,
+                      WindingSums* out) const {
+    const int64_t count = hi - lo;
+    float t[3 * kGroup], c[3] = {0, 0, 0}, radius = 0;
+    for (int64_t i = 0; i < count; ++i) {
+      const Vec3 p = load(targets + 3 * (lo + i)) - origin_;
+      t[3 * i] = static_cast<float>(p.x), t[3 * i + 1] = static_cast<float>(p.y), t[3 * i + 2] = static_cast<float>(p.z);
+      for (int d = 0; d < 3; ++d) c[d] += t[3 * i + d] / static_cast<float>(count);
+    }
+    for (int64_t i = 0; i < count; ++i) {
+      const float x = t[3 * i] - c[0], y = t[3 * i + 1] - c[1], z = t[3 * i + 2] - c[2];
+      radius = std::max(radius, x * x + y * y + z * z);
+    }
+    gather(what, c, std::sqrt(radius), static_cast<float>(1 / theta), s, a, b);
+    for (int64_t i = 0; i < count; ++i) {
+      const float w = static_cast<float>(width[lo + i]), sq = std::max(w * w, 1e-30f);
+      const float x = t[3 * i], y = t[3 * i + 1], z = t[3 * i + 2];
+      out[lo + i] = what == Sum::winding    ? sum_winding(b, x, y, z, sq)
+                    : what == Sum::gradient ? sum_gradient(b, x, y, z, sq)
+                                            : sum_adjoint(b, x, y, z, sq);
+    }
+  }
+
+  void gather(Sum what, const float* c, float radius, float inv_theta, const std::vector<float>* s,
               const std::vector<float>* a, SourceBuffer& b) const {
-    int64_t stack[64 * 2], top = 0;
+    int64_t stack[64 * 2], top = 1;
     int level_stack[64 * 2];
-    stack[0] = 0, level_stack[0] = 0, top = 1;
+    stack[0] = 0, level_stack[0] = 0;
     b.size = 0;
     while (top > 0) {
       --top;
@@ -176,12 +218,11 @@ class WindingTree {
       const float reach = radius + radius_[node] * inv_theta;
       if (dx * dx + dy * dy + dz * dz > reach * reach) {
         b.reserve(b.size + 1);
-        put(b, nx_[node], ny_[node], nz_[node], a[0][node], a[1][node], a[2][node], a[3][node]);
+        put(what, b, nx_[node], ny_[node], nz_[node], a, node);
       } else if (level == depth_) {
         const int64_t i = node - ((int64_t{1} << depth_) - 1);
         b.reserve(b.size + bound(i + 1, level) - bound(i, level));
-        for (int64_t j = bound(i, level); j < bound(i + 1, level); ++j)
-          put(b, x_[j], y_[j], z_[j], s[0][j], s[1][j], s[2][j], s[3][j]);
+        for (int64_t j = bound(i, level); j < bound(i + 1, level); ++j) put(what, b, x_[j], y_[j], z_[j], s, j);
       } else {
         stack[top] = 2 * node + 2, level_stack[top++] = level + 1;
         stack[top] = 2 * node + 1, level_stack[top++] = level + 1;
@@ -189,9 +230,13 @@ class WindingTree {
     }
   }
 
-  static void put(SourceBuffer& b, float x, float y, float z, float mx, float my, float mz, float q) {
+  static void put(Sum what, SourceBuffer& b, float x, float y, float z, const std::vector<float>* s, int64_t j) {
     const int64_t i = b.size++;
-    b.x[i] = x, b.y[i] = y, b.z[i] = z, b.mx[i] = mx, b.my[i] = my, b.mz[i] = mz, b.q[i] = q;
+    b.x[i] = x, b.y[i] = y, b.z[i] = z;
+    if (what == Sum::adjoint)
+      b.q[i] = s[0][j];
+    else
+      b.mx[i] = s[0][j], b.my[i] = s[1][j], b.mz[i] = s[2][j];
   }
 };
 

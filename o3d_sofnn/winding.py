@@ -1,0 +1,145 @@
+"""Stage 5: outward sides of all points from one global criterion, the winding number."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._kernels import KdTree, WindingTree
+from .octree import build_octree
+
+CROWD = 35.0
+"""A representative stands for the root of the number of points over this, at least for itself."""
+COARSE, FINE = (1.5, 4.0), (1.0, 3.0)
+"""Smoothing width at first and at last: so many distances of representatives, or so many standard
+deviations of the noise if that is more. Less of it and the noise decides, more and thin parts
+vanish; many iterations at a small width learn the noise by heart."""
+ITERATIONS = (17, 3)
+"""Iterations at the coarse width, and on the way to the fine one."""
+BLUR = 4.5
+"""Smoothing width of the gradient at the points, over the noise."""
+OPENING = 0.5
+"""Opening angle of the tree code: a node is summed at its centre when it looks smaller."""
+
+
+def orient_points(points: NDArray[np.float64], noise: float, n_threads: int) -> NDArray[np.float64]:
+    """Find outward normals at all points from a global criterion alone.
+
+    The winding number normals of an even choice of places define a smooth winding number; its
+    gradient is evaluated everywhere. No local fit takes part: on parts hardly thicker than the
+    noise, where a fit sees both sides, the sides are still told apart.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        Distinct points in Morton order.
+    noise : float
+        Standard deviation of the points about the surface.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    (n, 3) float64
+        Unit normals; on an open sheet without a preferred side either one.
+    """
+    x = representatives(points)
+    near = KdTree(x, n_threads).query(x, min(5, len(x)), np.inf, n_threads)[0]
+    spacing = float(np.median(near[:, 1:]))
+    coarse, fine = (max(a * spacing, b * noise) for a, b in (COARSE, FINE))
+    steady, narrowing = ITERATIONS
+    widths = np.append(np.full(steady, coarse), np.geomspace(coarse, fine, narrowing))
+    mu = winding_number_normals(x, widths, n_threads)
+    tree = WindingTree(x, np.linalg.norm(mu, axis=1))
+    width = np.full(len(points), max(fine, BLUR * noise))
+    gradient = tree.gradient(mu, points, width, OPENING, n_threads)[1]
+    return unit(np.asarray(gradient))
+
+
+def representatives(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Combine points that lie close together.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        Distinct points.
+
+    Returns
+    -------
+    (m, 3) float64
+        Means over the leaves of an octree, in Morton order: half of 20,000 points, a fifteenth of a
+        million.
+    """
+    capacity = int(np.sqrt(len(points)) / CROWD)
+    if capacity < 2:
+        return points
+    cells = build_octree(points, capacity)
+    count = np.diff(cells.offsets)
+    return np.asarray(np.add.reduceat(cells.points, cells.offsets[:-1]) / count[:, None])
+
+
+def winding_number_normals(
+    x: NDArray[np.float64], widths: NDArray[np.float64], n_threads: int
+) -> NDArray[np.float64]:
+    """Find normals whose winding number is one half on the surface and that are its gradient.
+
+    Lin, Shi and Liu, "Fast and globally consistent normal orientation based on the winding number
+    normal consistency" (2024): a gradient step on ``|A mu - 1/2|^2`` alternates with
+    ``mu <- |mu| * unit(-grad(winding number of mu))``, with a smoothing width that shrinks.
+
+    Parameters
+    ----------
+    x : (m, 3) float64
+        Positions on the surface or scattered about it.
+    widths : (k,) float64
+        Smoothing width of each iteration, in the unit of the points.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    (m, 3) float64
+        Area-weighted outward normals.
+    """
+    order = np.asarray(WindingTree(x, np.ones(len(x))).order())
+    sorted_x = np.ascontiguousarray(x[order])
+    tree = WindingTree(sorted_x, np.ones(len(x)))
+    mu = np.zeros_like(sorted_x)
+    for now in widths:
+        width = np.full(len(x), now)
+        error = 0.5 - np.asarray(tree.winding(mu, sorted_x, width, OPENING, n_threads))
+        descent = -np.asarray(tree.adjoint(error, sorted_x, width, OPENING, n_threads))
+        response = np.asarray(tree.winding(descent, sorted_x, width, OPENING, n_threads))
+        scale = float((response**2).sum())
+        if scale > 0:
+            mu = mu + float((descent**2).sum()) / scale * descent
+        gradient = np.asarray(tree.gradient(mu, sorted_x, width, OPENING, n_threads)[1])
+        mu = np.linalg.norm(mu, axis=1, keepdims=True) * unit(gradient)
+    result = np.empty_like(mu)
+    result[order] = mu
+    return result
+
+
+def cell_areas(x: NDArray[np.float64], n_threads: int) -> NDArray[np.float64]:
+    """Area of surface around each sample, from the distance of its neighbours.
+
+    Parameters
+    ----------
+    x : (n, 3) float64
+        Samples.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    (n,) float64
+        ``pi r_k^2 / k`` with the k nearest.
+    """
+    k = min(9, len(x))
+    distance, _ = KdTree(x, n_threads).query(x, k, np.inf, n_threads)
+    return np.asarray(np.pi * distance[:, -1] ** 2 / max(k - 0.5, 1.0))
+
+
+def unit(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rows of unit length, zeros stay."""
+    return np.asarray(x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-300))

@@ -1,0 +1,62 @@
+"""Sides of points from the winding number alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from shapes import box, nested_spheres, sphere, torus, two_spheres
+
+from o3d_sofnn.octree import sort_unique
+from o3d_sofnn.winding import orient_points, representatives, winding_number_normals
+
+SHAPES = {
+    "sphere": sphere(1000),
+    "torus": torus(1500),
+    "box": box(1500),
+    "nested spheres": nested_spheres(1500),
+    "two objects": two_spheres(1500),
+    "two close objects": two_spheres(3000, 2.4),
+    "thin plate": box(3000, (1.0, 1.0, 0.1)),
+}
+
+
+def oriented(shape, noise=0.0):
+    """Share of points on the wrong side, and the normals in Morton order."""
+    order, _ = sort_unique(shape.points)
+    normals = orient_points(np.ascontiguousarray(shape.points[order]), noise, 1)
+    return (np.einsum("nd,nd->n", normals, shape.normals[order]) < 0.0).mean(), normals
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_points_are_oriented_without_any_fit(name):
+    wrong, normals = oriented(SHAPES[name])
+    assert wrong == 0.0
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-12)
+
+
+def test_noise_as_thick_as_a_quarter_of_a_rod():
+    rod = box(4000, (2.0, 0.1, 0.1))
+    noisy = rod.noisy(0.025)
+    # Whoever knows the rod and takes the face nearest to the point is wrong this often.
+    across = noisy.points[:, 1:] * rod.normals[:, 1:]
+    beyond = (across.sum(axis=1) < 0.0).mean()
+    assert 0.01 < beyond < 0.04
+    assert oriented(noisy, 0.025)[0] < 2.0 * beyond
+
+
+def test_winding_number_normals_are_outward_and_weighted_by_area():
+    points, normals = sphere(1500)
+    mu = winding_number_normals(points, np.geomspace(0.27, 0.063, 20), 1)
+    length = np.linalg.norm(mu, axis=1)
+    cosine = (mu * normals).sum(axis=1) / length
+    assert (cosine > 0.9).all()
+    assert length.sum() == pytest.approx(4.0 * np.pi, rel=0.2)
+
+
+def test_few_representatives_stand_for_many_points():
+    points = sphere(40_000).points
+    places = representatives(points)
+    assert len(points) / 8 < len(places) < len(points) / 2
+    assert np.abs(np.linalg.norm(places, axis=1) - 1.0).max() < 0.01
+    few = sphere(50).points
+    assert representatives(few) is few
