@@ -10,7 +10,7 @@ from .octree import build_octree
 
 CROWD = 35.0
 """A representative stands for the root of the number of points over this, at least for itself."""
-COARSE, FINE = (1.5, 4.0), (1.0, 3.0)
+COARSE, FINE = (1.5, 4.0), (0.7, 3.0)
 """Smoothing width at first and at last: so many distances of representatives, or so many standard
 deviations of the noise if that is more. Less of it and the noise decides, more and thin parts
 vanish; many iterations at a small width learn the noise by heart."""
