@@ -15,9 +15,10 @@ ALIKE = 0.7
 """Least cosine between the planes of neighbouring rules that hand on a sign."""
 CLOSED = 0.72
 """Share of a piece with nothing in front of it from which on it counts as closed."""
-NOISY = (5.0, 0.04)
+NOISY = (5.0, 0.06, 0.82)
 """Largest rise over the noise of a step between the two sides that the winding number makes of one
-noisy sheet (3.2 for halves of a Gaussian), and least share of such steps in a piece like that."""
+noisy sheet (3.2 for halves of a Gaussian), least share of such steps in a piece like that, and
+the share with nothing in front from which on it counts as closed nevertheless."""
 RISE = 0.7
 """Largest rise of the step between them over both planes together, over its length."""
 
@@ -72,7 +73,8 @@ def unify(rules: RuleBase, n_threads: int) -> tuple[RuleBase, NDArray[np.bool_]]
     noisy = np.bincount(pieces_of_edges, within_noise, count) > NOISY[1] * np.bincount(
         pieces_of_edges, minlength=count
     )
-    replaced = ((after < 0.5 * before) & ((closed < CLOSED) | noisy))[piece]
+    is_open = closed < np.where(noisy, NOISY[2], CLOSED)
+    replaced = ((after < 0.5 * before) & is_open)[piece]
     return rules.facing(normals * np.where(replaced, sign, 1.0)[:, None]), replaced
 
 
