@@ -135,8 +135,10 @@ def reconstruct_units(
     n_threads : int
         Threads.
     precision : float, optional
-        Epsilon of all units, in the unit of `points`. None takes the noise for the limit, and no
-        less than a small part of the radius of the unit.
+        Epsilon of all units, in the unit of `points`, at the nearer half of their points, to which
+        the fit gives most of its weight: the others are nearer to other units. None takes the noise
+        for the limit, no less than a small part of the radius, at all points of a unit: overlap
+        helps the accuracy, and takes two to four times as many offset points.
 
     Returns
     -------
@@ -144,14 +146,16 @@ def reconstruct_units(
     """
     if precision is None:
         limit = np.maximum(NOISE_PRECISION * rules.noise, SHAPE_PRECISION * rules.radius)
+        own = rules.n_neighbors
     else:
         limit = np.full(len(rules.radius), precision)
+        own = (rules.n_neighbors + 1) // 2
     terms, n_terms, error, worst = _kernels.reconstruct_units(
         tree,
         points,
         normals,
         rules.view(n_threads),
-        rules.n_neighbors,
+        own,
         limit,
         n_threads,
     )

@@ -1,0 +1,37 @@
+"""The precision of local surfaces, epsilon of Algorithm 2, as the caller gives it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapes
+
+from o3d_sofnn import pipeline
+
+EPSILON = 6e-4  # of the paper, here in parts of the diagonal
+
+
+def reconstruct(count, precision):
+    points = shapes.torus(count).points
+    diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
+    limit = None if precision is None else precision * diagonal
+    return pipeline.reconstruct_surface(points, precision=limit, voxel_size=diagonal / 40)
+
+
+def test_a_coarser_precision_takes_fewer_offset_points():
+    counts = [reconstruct(2000, precision).offset_points for precision in (1e-5, 1e-4, 1e-3)]
+    assert counts[0] > counts[1] > counts[2]
+    assert reconstruct(2000, 1.0).offset_points == 0
+
+
+def test_offset_points_at_the_papers_precision_grow_slower_than_the_points():
+    few, many = (reconstruct(count, EPSILON).offset_points for count in (1500, 6000))
+    assert many <= 0.2 * 6000
+    assert many < 4 * max(few, 1)
+
+
+@pytest.mark.parametrize("precision", [None, EPSILON])
+def test_offset_points_are_two_a_unit(precision):
+    estimate = reconstruct(1000, precision)
+    assert estimate.offset_points % 2 == 0
+    assert estimate.watertight
