@@ -75,12 +75,11 @@ def draw(
     PIL.Image.Image
         The picture.
     """
-    low, high = panels[0].points.min(axis=0), panels[0].points.max(axis=0)
     across, up, _ = np.ptp(panels[0].points @ view.axes().T, axis=0)
     wide = float(np.clip(across / max(up, 1e-12 * across), 0.7, 3.0))
     width = int(height * min(wide, 1.5))
     height = int(min(height, width / wide))
-    frame = Frame(view, low, high, width, height)
+    frame = Frame.around(view, panels[0].points, width, height)
     columns = min(columns or len(panels), len(panels))
     rows = -(-len(panels) // columns)
     whole = Image.new("RGB", (columns * width, rows * (height + CAPTION)), "white")

@@ -198,4 +198,4 @@ def _normal_pictures(case: Case, normals: Array) -> dict[str, bytes]:
 
 def _frame(case: Case) -> raster.Frame:
     known = case.points if case.truth is None else case.truth.vertices
-    return raster.Frame(case.view, known.min(axis=0), known.max(axis=0), WIDTH, HEIGHT)
+    return raster.Frame.around(case.view, known, WIDTH, HEIGHT)

@@ -21,18 +21,18 @@ STEPS = 65535
 
 
 def pack(scene: Scene, titles: dict[str, str]) -> dict[str, Any]:
-    """Return one scene: the box that is seen first, and a pane for the input and every method."""
+    """Return one scene: the ball that is seen first, and a pane for the input and every method."""
     first = scene.looks.get("input")
     boxed = [look for look in (first, *scene.looks.values()) if look is not None]
     box = boxed[0].vertices if boxed else np.zeros((1, 3))
-    low, high = box.min(axis=0), box.max(axis=0)
+    center = 0.5 * (box.min(axis=0) + box.max(axis=0))
     methods = [*scene.looks, *scene.errors]
     order = sorted(methods, key=list(titles).index)
     return {
         "title": scene.title,
         "axes": scene.view.axes().ravel().tolist(),
-        "center": (0.5 * (low + high)).tolist(),
-        "radius": float(0.5 * np.linalg.norm(high - low)),
+        "center": center.tolist(),
+        "radius": float(np.linalg.norm(box - center, axis=1).max()),
         "dots": None
         if first is None
         else {**_places(first.vertices), "spacing": typical_spacing(first.vertices)},

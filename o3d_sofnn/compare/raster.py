@@ -14,7 +14,7 @@ Array = NDArray[Any]
 SUPERSAMPLING = 2
 """Samples along each side of a pixel."""
 MARGIN = 1.08
-"""Of the picture about the box that must be seen, as a factor."""
+"""Of the picture about what must be seen, as a factor."""
 NEAR, FAR = np.array([0.20, 0.33, 0.58]), np.array([0.72, 0.78, 0.87])
 """Colours of points without colours of their own."""
 BACK = np.array([0.80, 0.42, 0.34])
@@ -44,14 +44,14 @@ class View:
 
 @dataclass(frozen=True)
 class Frame:
-    """A view of a box, and the size of the picture in pixels.
+    """What is in a picture, and its size in pixels.
 
     Attributes
     ----------
     view : View
         From where.
     low, high : (3,) float64
-        Corners of the box that must be seen, in the coordinates of the points.
+        Bounds of what must be seen, along the axes of the view.
     width, height : int
         Of the picture.
     """
@@ -61,6 +61,12 @@ class Frame:
     high: Array
     width: int = 480
     height: int = 400
+
+    @classmethod
+    def around(cls, view: View, points: Array, width: int = 480, height: int = 400) -> Frame:
+        """Return the frame that just holds (n, 3) points."""
+        seen = points @ view.axes().T
+        return cls(view, seen.min(axis=0), seen.max(axis=0), width, height)
 
     def project(self, points: Array) -> Array:
         """Return columns and rows in pixels from the upper left corner, and depth, (n, 3)."""
@@ -75,14 +81,11 @@ class Frame:
         return length * self._fit()[1]
 
     def _fit(self) -> tuple[Array, float]:
-        """Return the middle of the box in the axes of the view, and pixels a unit of length."""
-        axes = self.view.axes()
-        corners = np.stack(np.meshgrid(*np.stack([self.low, self.high], 1)), -1).reshape(-1, 3)
-        seen = corners @ axes.T
-        low, high = seen.min(axis=0), seen.max(axis=0)
-        extent = MARGIN * np.maximum(high - low, 1e-12 * np.abs(seen).max() + 1e-300)
+        """Return the middle in the axes of the view, and pixels a unit of length."""
+        largest = float(np.abs([self.low, self.high]).max())
+        extent = MARGIN * np.maximum(self.high - self.low, 1e-12 * largest + 1e-300)
         scale = min(self.width / extent[0], self.height / extent[1])
-        return 0.5 * (low + high), float(scale)
+        return 0.5 * (self.low + self.high), float(scale)
 
 
 def draw_mesh(frame: Frame, vertices: Array, triangles: Array, colors: Array) -> NDArray[np.uint8]:

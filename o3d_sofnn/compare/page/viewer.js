@@ -205,7 +205,7 @@ const Viewer = (() => {
       gl.uniform3fv(at("span"), draw.span);
       gl.uniform3fv(at("center"), center);
       gl.uniformMatrix3fv(at("turn"), true, product(turn, axes));
-      gl.uniform4f(at("window"), ...shift, height / width, 1.15 * zoom / radius);
+      gl.uniform4f(at("window"), ...shift, height / width, 0.97 * zoom / radius);
       this.attribute(program, "place", draw.place, 3, gl.UNSIGNED_SHORT);
       if (draw.program === "mesh") {
         gl.uniform3fv(at("heat"), this.heat);
@@ -213,7 +213,7 @@ const Viewer = (() => {
         gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, draw.index);
         gl.drawElements(gl.TRIANGLES, draw.count, draw.wide ? gl.UNSIGNED_INT : gl.UNSIGNED_SHORT, 0);
       } else {
-        const space = this.scene.dots.spacing * 0.575 * zoom / radius * height;
+        const space = this.scene.dots.spacing * 0.485 * zoom / radius * height;
         gl.uniform1f(at("size"), Math.max(1.5, Math.min(draw.fade ? 0.4 * space : 1.6 * space, 60)));
         gl.uniform1f(at("fade"), draw.fade);
         this.attribute(program, "tint", draw.extra, 3, gl.UNSIGNED_BYTE);
