@@ -90,6 +90,7 @@ def _run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
             voxel_size=args.voxel_size,
             use_normals=args.use_normals,
             trim=args.trim,
+            target_triangles=args.target_triangles,
             **options,
         )
     else:
@@ -228,6 +229,9 @@ def _parser() -> argparse.ArgumentParser:
         type=_number_or_auto,
         metavar="T",
         help="cut away what has a confidence (0 to 1) below T; auto: 0.5, small holes stay closed",
+    )
+    mesh.add_argument(
+        "--target-triangles", type=int, metavar="N", help="decimate to N triangles, still closed"
     )
     mesh.add_argument(
         "--use-normals", action="store_true", help="take the sides from the normals in IN"

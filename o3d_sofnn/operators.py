@@ -109,6 +109,7 @@ def reconstruct_surface(
     voxel_size: float | None = None,
     use_normals: bool = False,
     trim: float | Literal["auto"] | None = None,
+    target_triangles: int | None = None,
     search_param: Any = None,
     n_threads: int = -1,
     print_progress: bool | ProgressCallback = False,
@@ -131,6 +132,8 @@ def reconstruct_surface(
         For open surfaces, terrain, scenes seen from inside: cut away what has a confidence (0 to 1)
         below this, along a smooth border. "auto" cuts at 0.5, but leaves holes closed whose area is
         at most 5 % of that of the supported surface. None keeps the mesh closed.
+    target_triangles : int, optional
+        Decimate to so many triangles (at least 4); a closed mesh stays closed. None keeps all.
     search_param : open3d.geometry.KDTreeSearchParamKNN, ...Radius, ...Hybrid, optional
         Largest neighbourhood of a local fit, in points, in the cloud's unit, or both. None finds
         it from the data.
@@ -165,6 +168,7 @@ def reconstruct_surface(
     depth = validation.check_integer(depth, "depth", 1, validation.MAX_DEPTH)
     voxel_size = validation.check_positive(voxel_size, "voxel_size")
     trim = validation.check_trim(trim)
+    target_triangles = validation.check_integer(target_triangles, "target_triangles", 4)
     n_threads = validation.check_n_threads(n_threads)
     finite = _finite_points(cloud)
     normals = _own_normals(cloud, finite) if use_normals else None
@@ -175,6 +179,7 @@ def reconstruct_surface(
             depth=depth,
             voxel_size=voxel_size,
             trim=trim,
+            target_triangles=target_triangles,
             max_nn=max_nn,
             radius=radius,
             n_threads=n_threads,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -13,6 +12,7 @@ from . import metrics
 from ._kernels import KdTree
 from .attributes import attribute_weights, mesh_normals
 from .clock import STAGES, Clock, Progress
+from .decimation import decimate
 from .field import Field
 from .growth import adjust, combine, generate
 from .local_fit import Scale, choose_scale, find_outliers
@@ -25,6 +25,7 @@ from .rlps import local_surfaces
 from .rules import RuleBase, fit_rules, infer_normals, sides_around, typical_data
 from .surface import extract
 from .trimming import cut, drop_strays
+from .validation import affine_rank, thread_count
 from .winding import orient_points
 
 __all__ = ["STAGES", "NormalEstimate", "SurfaceEstimate", "estimate_normals", "reconstruct_surface"]
@@ -86,7 +87,7 @@ def estimate_normals(
     ValueError
         `points` has fewer than 4 rows, or they are all equal or on one line.
     """
-    threads = _threads(n_threads)
+    threads = thread_count(n_threads)
     clock = Clock(progress)
     learned = _learn(points, None, max_nn, radius, viewpoint, towards, threads, clock)
     estimate = _infer(learned, threads, clock)
@@ -101,6 +102,7 @@ def reconstruct_surface(
     depth: int | None = None,
     voxel_size: float | None = None,
     trim: float | Literal["auto"] | None = None,
+    target_triangles: int | None = None,
     precision: float | None = None,
     max_nn: int | None = None,
     radius: float | None = None,
@@ -123,6 +125,8 @@ def reconstruct_surface(
     trim : float or "auto", optional
         Cut away what has a confidence below this, 0 to 1; the mesh is then open. "auto" cuts at
         0.5 and leaves holes closed that are small beside the data (:func:`trimming.cut`).
+    target_triangles : int, optional
+        Collapse edges until so many are left (:func:`decimation.decimate`). None keeps all.
     precision : float, optional
         Largest residual that the local surfaces shall leave (epsilon of Algorithm 2), in the unit
         of the points. None takes it from noise and size.
@@ -139,9 +143,9 @@ def reconstruct_surface(
         `points` has fewer than 4 rows, or they are all equal, on one line, or (without `trim`) in
         one plane; `voxel_size` asks for more than a million cubes along one side.
     """
-    threads = _threads(n_threads)
+    threads = thread_count(n_threads)
     clock = Clock(progress)
-    if trim is None and _rank(points) < 3:
+    if trim is None and affine_rank(points) < 3:
         raise ValueError("points lie in one plane and enclose nothing: give trim to get a sheet")
     learned = _learn(points, normals, max_nn, radius, None, None, threads, clock)
     estimate = _infer(learned, threads, clock)
@@ -180,13 +184,15 @@ def reconstruct_surface(
         if not len(triangles):
             reason = "the points are too few or too flat" if trim is None else "trim removed it all"
             raise ValueError(f"points define no surface at this resolution: {reason}")
+        if target_triangles is not None:
+            vertices, triangles, source = decimate(vertices, triangles, target_triangles)
+            confidence = confidence[source]
     with clock.stage("attributes"):
         vertex_normals = mesh_normals(vertices, triangles)
         near = np.flatnonzero(confidence > 0.0)
         vertex_normals[near] = infer_normals(rules, vertices[near], threads)[0]
-        weights = attribute_weights(
-            vertices, (points - learned.middle) / learned.extent, size, threads
-        )
+        scaled = (points - learned.middle) / learned.extent
+        weights = attribute_weights(vertices, scaled, size, threads)
     clock.finish()
     return SurfaceEstimate(
         vertices=vertices * learned.extent + learned.middle,
@@ -215,7 +221,7 @@ def _learn(
     """Stages 1 to 5: from points to oriented rules."""
     if len(points) < 4:
         raise ValueError(f"points: at least 4 rows expected, got {len(points)}")
-    if _rank(points) < 2:
+    if affine_rank(points) < 2:
         raise ValueError("points are all equal or lie on one line: no surface goes through them")
     with clock.stage("cells"):
         middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
@@ -293,23 +299,3 @@ def _infer(learned: _Learned, threads: int, clock: Clock) -> NormalEstimate:
         rules=rules.moved(learned.extent, learned.middle),
         warnings=learned.warnings,
     )
-
-
-def _threads(n_threads: int) -> int:
-    """Return how many threads to start."""
-    if n_threads > 0:
-        return n_threads
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _rank(points: Array) -> int:
-    """Dimension of the affine space that the points span."""
-    if len(points) == 0:
-        return 0
-    centred = points - points.mean(axis=0)
-    size = float(np.abs(centred).max())
-    rounding = 8.0 * np.finfo(np.float64).eps * float(np.abs(points).max())
-    if size <= rounding:
-        return 0
-    spread = np.linalg.svd(centred / size, compute_uv=False) / np.sqrt(len(points))
-    return int((spread > max(1e-9, rounding / size)).sum())

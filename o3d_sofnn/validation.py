@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+import os
 from typing import Any, Literal
 
 import numpy as np
@@ -239,3 +240,23 @@ def _real(value: Any, name: str, expected: str) -> float | None:
         return float(value)
     except (TypeError, ValueError):
         raise ValueError(f"{name}: expected {expected}, got {value!r}") from None
+
+
+def affine_rank(points: NDArray[np.float64]) -> int:
+    """Return the dimension of the affine space that the points span."""
+    if len(points) == 0:
+        return 0
+    centred = points - points.mean(axis=0)
+    size = float(np.abs(centred).max())
+    rounding = 8.0 * np.finfo(np.float64).eps * float(np.abs(points).max())
+    if size <= rounding:
+        return 0
+    spread = np.linalg.svd(centred / size, compute_uv=False) / np.sqrt(len(points))
+    return int((spread > max(1e-9, rounding / size)).sum())
+
+
+def thread_count(n_threads: int) -> int:
+    """Return how many threads to start."""
+    if n_threads > 0:
+        return n_threads
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
