@@ -90,15 +90,18 @@ def choose_scale(
     pilots = points[np.linspace(0, n - 1, min(n, PILOTS)).astype(np.int64)]
     pilot_tree = KdTree(pilots, n_threads)
     region = pilot_tree.query(pilots, min(24, len(pilots)), np.inf, n_threads)[1]
-    for count in (min(FEW, len(sizes)), len(sizes)):
-        normals, info = fit_scales(tree, points, pilots, sizes[:count], n_threads)
+    normals, info = np.empty((len(pilots), 0, 3)), np.empty((len(pilots), 0, 4))
+    for some in (sizes[:FEW], sizes[FEW:]):
+        more_normals, more_info = fit_scales(tree, points, pilots, some, n_threads)
+        normals = np.concatenate([normals, more_normals], axis=1)
+        info = np.concatenate([info, more_info], axis=1)
         cosine = np.abs(np.einsum("psd,psd->ps", normals[:, :-2], normals[:, 2:]))
         disagreement = np.arccos(np.clip(cosine, 0.0, 1.0))
         regional = (disagreement[region].mean(axis=1) + 0.25 * disagreement.mean(axis=0)) / 1.25
         # Below the noise both normals are random and agree by chance: that minimum does not count.
         rising = np.zeros(regional.shape, bool)
         rising[:, :-1] = (regional[:, 1:] >= regional[:, :-1]) & (regional[:, :-1] < RANDOM)
-        if (~rising.any(axis=1)).mean() < 0.05:
+        if (~rising.any(axis=1)).mean() < 0.05 or len(sizes) <= FEW:
             break
     # The first minimum: beyond the size of a thin part wrong normals agree with each other.
     chosen = np.where(rising.any(axis=1), rising.argmax(axis=1), regional.argmin(axis=1))

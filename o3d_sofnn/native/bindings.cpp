@@ -112,13 +112,15 @@ NB_MODULE(_kernels, m) {
             nb::gil_scoped_release release;
             parallel_for(n, 16, threads, [&](int64_t lo, int64_t hi) {
               FitScratch s;
+              std::vector<double> sq_radius(ns);
               for (int64_t i = lo; i < hi; ++i) {
                 const Vec3 c = load(centers.data() + 3 * i);
-                t.nearest_sorted(c, scales.data()[ns - 1], 1e300, s.neighbors);
+                t.nearest(c, scales.data()[ns - 1], 1e300, s.neighbors);
+                s.neighbors.nest(scales.data(), ns, sq_radius.data());
                 load_points(p.data(), nullptr, nullptr, 0.0, c, s);
                 for (size_t j = 0; j < ns; ++j) {
                   const int64_t k = std::min<int64_t>(scales.data()[j], s.neighbors.size());
-                  const LocalFit f = fit_quadric(c, k, 0.0, 0, s);
+                  const LocalFit f = fit_quadric(c, k, sq_radius[j], 0.0, 0, s);
                   const size_t o = i * ns + j;
                   store(&normal[3 * o], f.normal);
                   info[4 * o] = f.rms, info[4 * o + 1] = f.slope_error, info[4 * o + 2] = f.radius, info[4 * o + 3] = f.surface_variation;
@@ -143,7 +145,7 @@ NB_MODULE(_kernels, m) {
                 const Vec3 c = load(centers.data() + 3 * i);
                 t.nearest(c, neighbors.data()[i], 1e300, s.neighbors);
                 load_points(p.data(), normals ? normals->data() : nullptr, sides ? sides->data() + 3 * i : nullptr, robust.data()[i], c, s);
-                const LocalFit f = fit_quadric(c, s.neighbors.size(), robust.data()[i], iterations, s);
+                const LocalFit f = fit_quadric(c, s.neighbors.size(), s.neighbors.sq_radius(), robust.data()[i], iterations, s);
                 store(&foot[3 * i], f.foot);
                 store(&frame[9 * i], f.frame.t1), store(&frame[9 * i + 3], f.frame.t2), store(&frame[9 * i + 6], f.frame.n);
                 for (int q = 0; q < 6; ++q) coef[6 * i + q] = f.coefficients[q];

@@ -20,7 +20,7 @@ struct Neighbor {
   }
 };
 
-// Moves the k smallest of m neighbours to the front and returns the largest of them. Squared distances of points on
+// Moves the k smallest of m neighbours to the front, the others are lost; returns the largest of the k. Squared distances of points on
 // a surface spread evenly, so that one counting pass leaves few to compare.
 inline Neighbor select_nearest(Neighbor* a, int64_t m, int64_t k, std::vector<Neighbor>& tied) {
   constexpr int kBins = 256;
@@ -59,6 +59,19 @@ class Search {
   const Neighbor& operator[](int64_t i) const { return found_[i]; }
   int64_t size() const { return size_; }
   double sq_radius() const { return sq_radius_; }  // squared distance of the farthest one
+
+  // Orders the answer so that for each of some ascending sizes the nearest points come first; sq_radius: of each size.
+  void nest(const int64_t* sizes, int64_t count, double* sq_radius) {
+    int64_t inside = size_;
+    double farthest = sq_radius_;
+    for (int64_t j = count - 1; j >= 0; --j) {
+      if (sizes[j] < inside) {
+        std::nth_element(found_.data(), found_.data() + sizes[j] - 1, found_.data() + inside);
+        inside = sizes[j], farthest = found_[inside - 1].sq_dist;
+      }
+      sq_radius[j] = farthest;
+    }
+  }
 
  private:
   friend class KdTree;

@@ -148,11 +148,9 @@ inline double slope_variance(const double* factor) {
   return sum;
 }
 
-// Weighted quadric over the first k points of s. robust > 0 weights residuals by exp(-r^2 / (2 robust^2)), iterated.
-inline LocalFit fit_quadric(Vec3 center, int64_t k, double robust, int iterations, FitScratch& s) {
+// Weighted quadric over the first k points of s, the farthest of which is known. robust > 0 weights residuals by exp(-r^2 / (2 robust^2)), iterated.
+inline LocalFit fit_quadric(Vec3 center, int64_t k, double sq_radius, double robust, int iterations, FitScratch& s) {
   LocalFit fit{};
-  // All neighbours in any order, or the nearest of sorted ones.
-  const double sq_radius = k == s.neighbors.size() ? s.neighbors.sq_radius() : s.neighbors[k - 1].sq_dist;
   const double radius = std::sqrt(sq_radius) * 1.1, inv = radius > 0 ? 1 / radius : 0;
   fit.radius = radius;
 
