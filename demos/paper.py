@@ -175,8 +175,8 @@ def growth(rows: list[dict[str, Any]]) -> str:
     counts = [(row["points"], row["offset_points"]) for row in rows if row["offset_points"] > 0]
     if not counts:
         return "no offset points"
-    share = max(offsets / n for n, offsets in counts)
-    text = f"offset points at most {100 * share:.1f} % of the points"
+    shares = ", ".join(f"{100 * offsets / n:.1f} % of {n}" for n, offsets in counts)
+    text = f"offset points {shares} points"
     if len(counts) > 1:
         slope = np.polyfit(*np.log(np.array(counts, float)).T, 1)[0]
         text += f", growing as n^{slope:.2f}"
