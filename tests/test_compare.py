@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections import defaultdict
 from pathlib import Path
 from statistics import median
@@ -254,6 +255,18 @@ def test_figures_of_a_known_mesh():
     assert found["f_score"] == 0.0  # 2.9 thousandths off, the threshold is 2
     opened = peers.Mesh(vertices, triangles[:-5], outward)
     assert measure.figures(vertices, opened, truth, 1000)["holes"] >= 1
+
+
+def test_a_method_without_its_library_says_what_to_type(monkeypatch):
+    pytest.importorskip("meshlab_sofnn", reason="the filters are not on the path")
+    from o3d_sofnn.compare import evaluate
+
+    for name in [name for name in sys.modules if name.startswith("meshlab_sofnn")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "pymeshlab", None)
+    case = cases.Case("ring", shapes.torus(100).points)
+    with pytest.raises(RuntimeError, match="pip install pymeshlab"):
+        evaluate.evaluate(case, "meshlab_poisson", 100, 100)
 
 
 def test_methods_have_titles_and_colours():
