@@ -19,8 +19,9 @@ import numpy as np
 from bench_table import table
 from bench_tasks import TASKS
 from dental_shapes import molar
-from isolated import call
 from numpy.typing import NDArray
+
+from o3d_sofnn.compare.isolated import call
 
 SIZES = {"3714": 3714, "6179": 6179, "100k": 100_000, "400k": 400_000, "1M": 1_000_000}
 LARGE = {"3M": 3_000_000, "10M": 10_000_000}
@@ -56,10 +57,9 @@ def main() -> None:
                 if log.enough(cloud.name, task, repeat):
                     continue
                 left = deadline - time.monotonic()
-                if left < log.expected(cloud.name, task):
+                expected = log.expected(cloud.name, task)
+                if left < expected or not log.measure(cloud, task, min(left + 30.0, TIMEOUT)):
                     missing += 1
-                    continue
-                log.measure(cloud, task, min(left + 30.0, TIMEOUT))
     text = table(log.records)
     (folder / "bench.md").write_text(text)
     print(text)
@@ -115,12 +115,15 @@ class Log:
         depth = int(np.ceil(np.log2(cubes * MARGIN)))
         return np.array([depth, 2.0**depth / cubes])
 
-    def measure(self, cloud: Cloud, task: str, timeout: float) -> None:
-        """Run one task and write down what came of it."""
+    def measure(self, cloud: Cloud, task: str, timeout: float) -> bool:
+        """Run one task and write down what came of it; False when the time ran out."""
         for _ in range(TRIES):
             grid = self.grid(cloud.name)
             print(f"{cloud.name} {task} ...", end=" ", flush=True)
             outcome = call(TASKS[task], str(cloud.file), grid, timeout=timeout)
+            if outcome.error and timeout <= outcome.seconds and timeout < TIMEOUT:
+                print("no time left", flush=True)
+                return False
             record: Record = {"cloud": cloud.name, "points": len(cloud), "task": task}
             record |= {"seconds": outcome.seconds, "peak_mb": outcome.peak_mb}
             record |= {"error": outcome.error, "cubes": 2.0 ** grid[0] / grid[1]}
@@ -135,7 +138,8 @@ class Log:
             with self.file.open("a") as stream:
                 stream.write(json.dumps(record) + "\n")
             if tuned:
-                return
+                return True
+        return True
 
 
 def _tasks(options: argparse.Namespace, cloud: Cloud) -> Iterator[str]:
@@ -182,7 +186,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--budget", type=float, default=540.0, help="seconds for this call")
     parser.add_argument(
-        "--chain", type=int, default=100_000, help="largest cloud for the chains of the peers"
+        "--chain", type=int, default=1_000_000, help="largest cloud for the chains of the peers"
     )
     parser.add_argument("--quick", action="store_true", help="3714 and 100k, once")
     parser.add_argument("--out", default="build/bench", help="folder of clouds and measurements")

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn import pipeline
 from o3d_sofnn.local_fit import PILOTS, SCALES
-from o3d_sofnn.orientation import ITERATIONS, REPRESENTATIVES
+from o3d_sofnn.winding import ITERATIONS, representatives
 
 Array = NDArray[Any]
 
@@ -36,7 +36,7 @@ RULE = 95
 RULES = 12
 SOURCES = 550
 """Nodes and points that the tree code sums for one place; counted once at the opening of 1/2."""
-PAIR = 30
+PAIR = 25
 """Flops for each of them."""
 FIELD_RULES = 16
 POINT = 24
@@ -87,7 +87,8 @@ def count(points: Array, run: pipeline.SurfaceEstimate) -> dict[str, Work]:
     pilots = float(PILOTS * SCALES.sum())
     fits = fitted * (SEARCH + FIT + PASSES)
     infer = Work(n * 3.7 * POINT, n * RULES * RULE)
-    winding = 4.0 * ITERATIONS * min(n, REPRESENTATIVES) * SOURCES * PAIR
+    unknowns = len(representatives(points))
+    winding = 4.0 * sum(ITERATIONS) * unknowns * SOURCES * PAIR
     # Corners of the cubes around the surface: twice as many as vertices.
     corners = 2.0 * vertices
     field = corners * (FIELD_RULES * (RULE + 60) + SOURCES * PAIR)

@@ -200,3 +200,25 @@ def test_generated_teeth_lie_on_their_surface(monkeypatch: pytest.MonkeyPatch) -
         assert np.abs(tooth.distance(points)).max() < 1e-4
         assert (np.abs(points) < tooth.half_size).all()
         np.testing.assert_array_equal(points, tooth.sample(500))
+
+
+def test_benchmark_goes_on_where_it_stopped(run: Run, tmp_path: Path) -> None:
+    tasks = ["ours_normals", "open3d_normals", "ours_mesh", "ours_mesh_1", "open3d_poisson"]
+    arguments = ["--sizes", "3714", "--repeats", "1", "--tasks", *tasks]
+    first = run("bench", *arguments)
+    assert first.returncode == 0, first.stderr
+    assert "mesh / Open3D Poisson given normals" in first.stdout
+    assert "| yes |" in first.stdout  # the same bits with one thread
+    log = tmp_path / "build" / "bench" / "bench.jsonl"
+    before = log.read_text()
+    again = run("bench", *arguments)
+    assert again.returncode == 0, again.stderr
+    assert log.read_text() == before
+    assert again.stdout == (tmp_path / "build" / "bench" / "bench.md").read_text() + "\n"
+
+
+def test_limits_of_every_stage(run: Run) -> None:
+    result = run("limits", "--points", "3000", "--repeats", "1")
+    assert result.returncode == 0, result.stderr
+    stages = [line.split("|")[1].strip() for line in result.stdout.splitlines() if "|" in line]
+    assert {"cells", "orientation", "surface"} <= set(stages)
