@@ -46,11 +46,14 @@ def estimate_normals(
     search_param : open3d.geometry.KDTreeSearchParamKNN, ...Radius, ...Hybrid, optional
         Largest neighbourhood of a local fit, in points, in the cloud's unit, or both. None finds
         it from the data.
-    viewpoint : array_like, shape (3,), optional
-        Where the scanner stood, in the cloud's coordinates: normals face it.
+    viewpoint : array_like, shape (3,) or (n, 3), optional
+        Where the scanner stood, in the cloud's coordinates, for all points or for each of them (one
+        row a point, those that are not finite included): every normal faces it.
     towards : array_like, shape (3,), optional
         A direction that the normals face as a whole, (0, 0, 1) for terrain. At most one of
-        ``viewpoint`` and ``towards``; with neither, normals face outward.
+        ``viewpoint`` and ``towards``; with neither, normals face outward. An open sheet then faces
+        the side from which it looks convex as a whole; where neither side is (a plane, terrain) it
+        faces up (z, else y, else x), its confidence is 0, and a warning in the details says so.
     n_threads : int, default -1
         -1 uses all cores. The result is the same for any number.
     print_progress : bool or callable, default False
@@ -80,7 +83,7 @@ def estimate_normals(
     cloud = adapters.read_cloud(pcd)
     max_nn, radius = adapters.read_search_param(search_param)
     validation.check_exclusive(viewpoint=viewpoint, towards=towards)
-    viewpoint = validation.check_vector(viewpoint, "viewpoint")
+    viewpoint = validation.check_viewpoint(viewpoint, len(cloud.points), "viewpoint")
     towards = validation.check_direction(towards, "towards")
     n_threads = validation.check_n_threads(n_threads)
     if len(cloud.points) == 0:
@@ -92,11 +95,15 @@ def estimate_normals(
             _rows(cloud.points, finite),
             max_nn=max_nn,
             radius=radius,
-            viewpoint=viewpoint,
+            viewpoint=viewpoint
+            if viewpoint is None or viewpoint.ndim == 1
+            else _rows(viewpoint, finite),
             towards=towards,
             n_threads=n_threads,
             progress=progress,
         )
+    for warning in estimate.warnings:
+        _logger.warning(warning)
     details = _scatter_normals(estimate, finite)
     adapters.write_normals(pcd, details.normals)
     return (pcd, details) if return_details else pcd

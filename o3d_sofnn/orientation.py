@@ -19,6 +19,13 @@ NOISY = (5.0, 0.06, 0.82)
 """Largest rise over the noise of a step between the two sides that the winding number makes of one
 noisy sheet (3.2 for halves of a Gaussian), least share of such steps in a piece like that, and
 the share with nothing in front from which on it counts as closed nevertheless."""
+SMOOTH = 0.7
+"""Smoothing width of the winding number of rules, over their spacing."""
+PREFERENCE = 0.05
+"""Mean winding number on a piece below which neither of its sides is the outer one: 1/2 on a closed
+surface, 0 on a plane."""
+SHARE = 0.01
+"""Share of the surface from which on a piece without a preferred side is worth a warning."""
 RISE = 0.7
 """Largest rise of the step between them over both planes together, over its length."""
 
@@ -93,14 +100,41 @@ def empty_in_front(rules: RuleBase, n_threads: int) -> NDArray[np.bool_]:
     (r,) bool
         True nearly everywhere on a closed surface, on less than half of an open one.
     """
+    return np.asarray(np.abs(_winding_number(rules, (1.0,), n_threads)[0]) < 0.25)
+
+
+def certainty(rules: RuleBase, n_threads: int) -> NDArray[np.float64]:
+    """How far the winding number falls from one spacing behind each rule to one in front of it.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Oriented rules.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    (r,) float64
+        1 where both sides are clear, less on parts thinner than two spacings and where neighbours
+        disagree, 0 where the rule faces against what surrounds it.
+    """
+    front, behind = _winding_number(rules, (1.0, -1.0), n_threads)
+    return np.clip(behind - front, 0.0, 1.0)
+
+
+def _winding_number(
+    rules: RuleBase, steps: tuple[float, ...], n_threads: int
+) -> list[NDArray[np.float64]]:
+    """Winding number of the rules so many spacings in front of each of them."""
     feet, normals = rules.feet, rules.normals
     area = cell_areas(feet, n_threads)
     spacing = float(np.sqrt(np.median(area)))
     tree = WindingTree(feet, area)
-    x = np.ascontiguousarray(feet + spacing * normals)
-    width = np.full(len(x), 0.7 * spacing)
-    winding = tree.winding(area[:, None] * normals, x, width, OPENING, n_threads)
-    return np.asarray(np.abs(winding) < 0.25)
+    width = np.full(len(feet), SMOOTH * spacing)
+    mu = area[:, None] * normals
+    places = [np.ascontiguousarray(feet + step * spacing * normals) for step in steps]
+    return [np.asarray(tree.winding(mu, x, width, OPENING, n_threads)) for x in places]
 
 
 def _signs_along(
@@ -125,21 +159,107 @@ def _signs_along(
     return sign[:n]
 
 
-def face(
+def settle(
     rules: RuleBase,
-    viewpoint: NDArray[np.float64] | None,
+    sides: NDArray[np.float64],
+    points: NDArray[np.float64],
     towards: NDArray[np.float64] | None,
     n_threads: int,
-) -> RuleBase:
-    """Turn rules to where the user wants them to face.
+) -> tuple[RuleBase, NDArray[np.float64], tuple[str, ...]]:
+    """Give open sheets one side each, the one the user wants if there is a wish.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Rules with the signs of the winding number.
+    sides, points : (n, 3) float64
+        Points and their sides, consistent with the rules.
+    towards : (3,) float64 or None
+        Every connected piece faces this direction in the mean.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    rules : RuleBase
+        The same rules turned.
+    sides : (n, 3) float64
+        The same sides turned.
+    warnings : tuple of str
+        Said when the side of a piece is a guess.
+    """
+    turned, replaced = unify(rules, n_threads)
+    warnings: tuple[str, ...] = ()
+    if towards is None:
+        turned, warnings = face_up(turned, n_threads)
+    else:
+        turned = face(turned, towards, n_threads)
+    return turned, turn_along(sides, points, rules, turned, replaced, n_threads), warnings
+
+
+def face_up(rules: RuleBase, n_threads: int) -> tuple[RuleBase, tuple[str, ...]]:
+    """Turn the pieces that have no outside up, all of them together.
+
+    Elsewhere the winding number has decided: closed surfaces face outwards, an open sheet faces the
+    side from which it looks convex as a whole (a bowl its outside, a room that of its walls).
 
     Parameters
     ----------
     rules : RuleBase
         Oriented rules.
-    viewpoint : (3,) float64 or None
-        Every rule faces this place.
-    towards : (3,) float64 or None
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    rules : RuleBase
+        The mean normal of those pieces has a positive z; when it is level, a positive y or x.
+    warnings : tuple of str
+        Names the share of the surface that this is.
+    """
+    toss = undecided(rules, n_threads)
+    share = float(rules.areas[toss].sum() / rules.areas.sum())
+    if not share:
+        return rules, ()
+    lean = rules.areas[toss] @ rules.normals[toss]
+    up = next((x for x in lean[::-1] if abs(x) > 0.1 * np.linalg.norm(lean)), 1.0)
+    turned = rules.facing(rules.normals * np.where(toss & (up < 0), -1.0, 1.0)[:, None])
+    if share < SHARE:
+        return turned, ()
+    return turned, (
+        f"{100.0 * share:.0f} % of the surface are open sheets of which neither side is the outer "
+        "one: they face up; give viewpoint or towards to choose",
+    )
+
+
+def undecided(rules: RuleBase, n_threads: int) -> NDArray[np.bool_]:
+    """Whether the side of the piece that each rule belongs to is a toss of a coin.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Oriented rules.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    (r,) bool
+        True where the winding number is as often above as below zero on the piece.
+    """
+    piece = pieces(rules, n_threads)
+    level = np.bincount(piece, rules.areas * _winding_number(rules, (0.0,), n_threads)[0])
+    return np.asarray((np.abs(level) < PREFERENCE * np.bincount(piece, rules.areas))[piece])
+
+
+def face(rules: RuleBase, towards: NDArray[np.float64], n_threads: int) -> RuleBase:
+    """Turn the pieces to where the user wants them to face.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Oriented rules.
+    towards : (3,) float64
         Every connected piece faces this direction in the mean.
     n_threads : int
         Threads.
@@ -148,13 +268,9 @@ def face(
     -------
     RuleBase
     """
-    if viewpoint is not None:
-        return rules.facing(viewpoint - rules.feet)
-    if towards is not None:
-        piece = pieces(rules, n_threads)
-        lean = np.bincount(piece, rules.areas * (rules.normals @ towards))
-        return rules.facing(rules.normals * np.where(lean < 0, -1.0, 1.0)[piece][:, None])
-    return rules
+    piece = pieces(rules, n_threads)
+    lean = np.bincount(piece, rules.areas * (rules.normals @ towards))
+    return rules.facing(rules.normals * np.where(lean < 0, -1.0, 1.0)[piece][:, None])
 
 
 def turn_along(

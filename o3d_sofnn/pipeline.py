@@ -17,7 +17,7 @@ from .field import Field
 from .growth import adjust, combine, generate
 from .local_fit import Scale, choose_scale, find_outliers
 from .octree import sort_unique
-from .orientation import face, turn_along, unify
+from .orientation import certainty, settle, undecided
 from .relaxation import relax
 from .resolution import choose_levels, choose_voxel_size
 from .results import NormalEstimate, SurfaceEstimate
@@ -26,7 +26,7 @@ from .rules import RuleBase, fit_rules, infer_normals, sides_around, typical_dat
 from .surface import extract
 from .trimming import cut, drop_strays
 from .validation import affine_rank, thread_count
-from .winding import orient_points
+from .winding import orient_points, seen_from, turned_to
 
 __all__ = ["STAGES", "NormalEstimate", "SurfaceEstimate", "estimate_normals", "reconstruct_surface"]
 
@@ -69,8 +69,8 @@ def estimate_normals(
         Largest number of points in a local fit. None chooses from the data.
     radius : float, optional
         Largest radius of a local fit, in the unit of the points.
-    viewpoint : (3,) float64, optional
-        A place that the normals shall face.
+    viewpoint : (3,) or (n, 3) float64, optional
+        A place that all normals face, or one for each point.
     towards : (3,) float64, optional
         A direction that the normals of each separate piece shall face in the mean.
     n_threads : int, default -1
@@ -91,6 +91,8 @@ def estimate_normals(
     clock = Clock(progress)
     learned = _learn(points, None, max_nn, radius, viewpoint, towards, threads, clock)
     estimate = _infer(learned, threads, clock)
+    if viewpoint is not None:
+        estimate = replace(estimate, normals=turned_to(viewpoint, points, estimate.normals))
     clock.finish()
     return estimate
 
@@ -238,25 +240,24 @@ def _learn(
             tree = KdTree(clean, threads)
             scale = choose_scale(clean, tree, max_nn, limit, threads)
     with clock.stage("orientation"):
+        known = normals is not None or viewpoint is not None
         if normals is None:
             sides = orient_points(clean, float(np.median(scale.noise)), threads)
         else:
             sides = np.ascontiguousarray(normals[order][inliers])
+        if viewpoint is not None:
+            seen = order[inliers]
+            places = viewpoint[seen] if viewpoint.ndim == 2 else viewpoint
+            sides = seen_from(places, points[seen], sides)
     with clock.stage("typical data"):
         centers, facing = typical_data(clean, sides, tree, scale, threads)
         pilot = scale.at(centers, threads)
         size, noise = scale.n_neighbors[pilot], scale.noise[pilot]
     with clock.stage("rules"):
         rules = fit_rules(clean, tree, centers, size, noise, threads, normals=sides, sides=facing)
-        agreement = np.abs(np.einsum("rd,rd->r", rules.normals, facing))
-        rules = replace(rules, confidence=agreement)
         warnings: tuple[str, ...] = ()
-        if normals is None:
-            turned, replaced = unify(rules, threads)
-            place = None if viewpoint is None else (viewpoint - middle) / extent
-            turned = face(turned, place, towards, threads)
-            sides = turn_along(sides, clean, rules, turned, replaced, threads)
-            rules = turned
+        if not known:
+            rules, sides, warnings = settle(rules, sides, clean, towards, threads)
     with clock.stage("growth"):
         normals, _, residual = infer_normals(rules, clean, threads, sides=sides)
         facing = sides_around(rules.centers, rules.normals, normals, tree, threads)
@@ -271,9 +272,12 @@ def _learn(
             threads,
             normals=normals,
             sides=np.concatenate([facing, side]),
-            confidence=np.concatenate([rules.confidence, np.ones(len(centers))]),
         )
         rules = adjust(combine(rules, threads), clean, threads)
+        confidence = certainty(rules, threads)
+        if not known and towards is None:
+            confidence[undecided(rules, threads)] = 0.0
+        rules = replace(rules, confidence=confidence)
     return _Learned(x, inverse, tree, scale, inliers, sides, rules, middle, extent, warnings)
 
 

@@ -20,7 +20,8 @@ class NormalEstimate:
     normals : (n, 3) float64
         Unit, outward, one a point in the order of the input.
     confidence : (n,) float64
-        Confidence in the side of each normal, 0 to 1.
+        Confidence in the side of each normal: 1 where the winding number falls by one from behind
+        the surface to its front and the rules agree, 0 on open sheets without an outer side.
     outliers : (n,) bool
         Points that took no part in the fits.
     noise : (n,) float64

@@ -124,6 +124,30 @@ def check_vector(value: ArrayLike | None, name: str) -> NDArray[np.float64] | No
     return vector
 
 
+def check_viewpoint(
+    value: ArrayLike | None, n_points: int, name: str
+) -> NDArray[np.float64] | None:
+    """Return ``value`` as a finite ``(3,)`` or ``(n_points, 3)`` float64 array, or None.
+
+    Raises
+    ------
+    ValueError
+        Neither three finite numbers nor three for each point.
+    """
+    try:
+        places = None if value is None else np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        places = None
+    if places is None or places.ndim != 2:
+        return check_vector(value, name)
+    if places.shape != (n_points, 3):
+        raise ValueError(f"{name}: expected shape (3,) or ({n_points}, 3), got {places.shape}")
+    if not np.isfinite(places).all():
+        bad = int((~finite_rows(places)).sum())
+        raise ValueError(f"{name}: expected finite numbers, got {bad} rows with NaN or inf")
+    return np.ascontiguousarray(places)
+
+
 def check_direction(value: ArrayLike | None, name: str) -> NDArray[np.float64] | None:
     """Return ``value`` as a unit ``(3,)`` vector, or None.
 

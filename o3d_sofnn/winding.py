@@ -140,6 +140,53 @@ def cell_areas(x: NDArray[np.float64], n_threads: int) -> NDArray[np.float64]:
     return np.asarray(np.pi * distance[:, -1] ** 2 / max(k - 0.5, 1.0))
 
 
+def seen_from(
+    viewpoint: NDArray[np.float64], points: NDArray[np.float64], sides: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Join the sides that the winding number gives with those that are seen.
+
+    The winding number is not sure of sheets that were scanned from both sides and have no rim.
+
+    Parameters
+    ----------
+    viewpoint : (3,) or (n, 3) float64
+        Position of the scanner, for all points or for each of them.
+    points, sides : (n, 3) float64
+        Points and unit normals of either sign.
+
+    Returns
+    -------
+    (n, 3) float64
+        Unit vectors between the side turned to the viewpoint and the direction to it.
+    """
+    return unit(turned_to(viewpoint, points, sides) + unit(viewpoint - points))
+
+
+def turned_to(
+    viewpoint: NDArray[np.float64],
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Turn normals to where they were seen from.
+
+    Parameters
+    ----------
+    viewpoint : (3,) or (n, 3) float64
+        Position of the scanner, for all points or for each of them.
+    points : (n, 3) float64
+        Points.
+    normals : (n, 3) float64
+        Their normals, of either sign.
+
+    Returns
+    -------
+    (n, 3) float64
+        None has a negative product with the direction to its viewpoint.
+    """
+    product = np.einsum("nd,nd->n", normals, viewpoint - points)
+    return np.where(product[:, None] < 0, -normals, normals)
+
+
 def unit(x: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rows of unit length, zeros stay."""
     return np.asarray(x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-300))

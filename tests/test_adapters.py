@@ -221,6 +221,17 @@ def test_viewpoint_and_direction_decide_the_side(make_cloud, normals_of):
             assert np.allclose(normals_of(cloud), [0.0, 0.0, sign], atol=1e-3)
 
 
+def test_a_viewpoint_for_each_point_keeps_the_order(make_cloud, normals_of, caplog):
+    patch = shapes.plane_patch(N)
+    points = np.concatenate([patch.points, patch.moved((0.0, 0.0, 5.0)).points, [[np.nan] * 3]])
+    viewpoint = np.repeat([[0.0, 0.0, -3.0], [0.0, 0.0, 8.0], [0.0, 0.0, 0.0]], [N, N, 1], axis=0)
+    cloud = o3d_sofnn.estimate_normals(make_cloud(points), viewpoint=viewpoint)
+    assert np.allclose(normals_of(cloud)[:N], [0.0, 0.0, -1.0], atol=1e-3)
+    assert np.allclose(normals_of(cloud)[N:-1], [0.0, 0.0, 1.0], atol=1e-3)
+    o3d_sofnn.estimate_normals(make_cloud(patch.points))
+    assert "neither side is the outer one" in caplog.text
+
+
 def test_without_open3d_the_message_says_what_to_type(monkeypatch):
     monkeypatch.setitem(sys.modules, "open3d", None)
     with pytest.raises(ImportError, match="pip install open3d-cpu"):

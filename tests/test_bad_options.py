@@ -72,6 +72,8 @@ def test_options_of_the_surface_out_of_range(make_cloud, options, name):
     [
         ({"viewpoint": (0.0, 0.0)}, "viewpoint"),
         ({"viewpoint": (0.0, 0.0, np.nan)}, "viewpoint"),
+        ({"viewpoint": np.zeros((99, 3))}, "viewpoint"),
+        ({"viewpoint": np.full((100, 3), np.nan)}, "viewpoint"),
         ({"towards": (0.0, 0.0, 0.0)}, "towards"),
         ({"towards": "up"}, "towards"),
         ({"viewpoint": (0.0, 0.0, 1.0), "towards": (0.0, 0.0, 1.0)}, "viewpoint and towards"),

@@ -123,24 +123,82 @@ def test_pieces_are_the_connected_parts():
     assert len(np.unique(pieces(rules_on(torus(1000)), 1))) == 1
 
 
-def test_normals_face_a_viewpoint():
-    shape = plane_patch(400)
-    viewpoint = np.array([0.2, 0.1, -3.0])
-    turned = face(rules_on(shape), viewpoint, None, 1)
-    assert (turned.normals[:, 2] < 0.0).all()
+@pytest.mark.parametrize("height", [20.0, -20.0])
+def test_every_normal_faces_its_viewpoint(height):
+    sheet = hills(3000).noisy(0.02)
+    one = np.array([0.5, -0.5, height])
+    each = one + np.random.default_rng(0).uniform(-0.2, 0.2, sheet.points.shape)
+    for viewpoint in (one, each):
+        found = estimate_normals(sheet.points, viewpoint=viewpoint)
+        assert ((found.normals * (viewpoint - sheet.points)).sum(axis=1) >= 0.0).all()
+        assert flipped(np.sign(height) * found.normals, sheet) <= 0.001
+        assert found.warnings == ()
+
+
+def test_two_sheets_seen_from_two_sides():
+    """A board scanned from above and from below, thinner than its fits are wide."""
+    up, down = plane_patch(3000), inside_out(plane_patch(3000, seed=1).moved((0.0, 0.0, -0.03)))
+    board = join(up, down).noisy(0.005)
+    viewpoint = np.repeat([[0.0, 0.0, 2.0], [0.0, 0.0, -2.0]], 3000, axis=0)
+    shuffled = np.random.default_rng(0).permutation(6000)
+    found = estimate_normals(board.points[shuffled], viewpoint=viewpoint[shuffled]).normals
+    wrong = (found * board.normals[shuffled]).sum(axis=1) < 0.0
+    rim = np.abs(board.points[shuffled, :2]).max(axis=1) > 0.45
+    assert not wrong[~rim].any()
+    assert wrong[rim].mean() < 0.1  # the winding number closes the board there
+
+
+@pytest.mark.parametrize("sheet", [plane_patch(1000), plane_patch(1000).moved((0.0, 0.0, 7.0))])
+def test_a_sheet_without_an_outer_side_faces_up_and_warns(sheet):
+    for turn, up in ((np.eye(3), 2), (np.eye(3)[[2, 0, 1]], 1), (np.eye(3)[[1, 2, 0]], 0)):
+        found = estimate_normals(sheet.points @ turn)
+        assert (found.normals[:, up] > 0.9).all()
+        assert len(found.warnings) == 1
+        assert found.warnings[0].startswith("100 % of the surface")
+        assert (found.confidence == 0.0).all()
+        told = estimate_normals(sheet.points @ turn, towards=-np.eye(3)[up])
+        assert (told.normals[:, up] < -0.9).all()
+        assert told.warnings == ()
+        assert np.median(told.confidence) > 0.5
+
+
+def test_terrain_faces_up():
+    found = estimate_normals(hills(4000).noisy(0.01).points)
+    assert flipped(found.normals, hills(4000)) == 0.0
+    assert "face up" in found.warnings[0]
+
+
+def test_a_bowl_faces_its_outside_and_closed_surfaces_do_not_warn():
+    for shape in (bowl(3000), *(SHAPES[name] for name in ("sphere", "box", "nested spheres"))):
+        found = estimate_normals(shape.points)
+        assert flipped(found.normals, shape) == 0.0
+        assert found.warnings == ()
+
+
+def test_a_closed_object_on_a_plate_warns_of_the_plate_alone():
+    shape = join(sphere(2000), plane_patch(2000, 4.0).moved((8.0, 0.0, 0.0)))
+    found = estimate_normals(shape.points)
+    assert flipped(found.normals, shape) == 0.0
+    assert len(found.warnings) == 1
+    assert np.median(found.confidence[:2000]) > 0.8
+    assert (found.confidence[2000:] == 0.0).mean() > 0.95
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 def test_every_piece_faces_a_direction_in_the_mean(direction):
     up, down = plane_patch(400), inside_out(plane_patch(400, seed=1).moved((3.0, 0.0, 0.0)))
     rules = rules_on(join(up, down)).facing(join(up, down).normals)
-    turned = face(rules, None, np.array([0.0, 0.0, direction]), 1)
+    turned = face(rules, np.array([0.0, 0.0, direction]), 1)
     assert (turned.normals[:, 2] * direction > 0.0).all()
 
 
-def test_without_wishes_rules_stay():
-    rules = rules_on(sphere(100))
-    assert face(rules, None, None, 1) is rules
+def test_confidence_is_low_where_sides_are_uncertain():
+    shape = box(8000, (1.0, 1.0, 0.04)).noisy(0.012)
+    found = estimate_normals(shape.points)
+    wrong = (found.normals * shape.normals).sum(axis=1) < 0.0
+    assert ((found.confidence >= 0.0) & (found.confidence <= 1.0)).all()
+    assert found.confidence[wrong].mean() < 0.8 * found.confidence[~wrong].mean()
+    assert np.median(estimate_normals(torus(4000).points).confidence) > 0.8
 
 
 def test_turned_rules_describe_the_same_surface():
