@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import scipy.sparse
 from numpy.typing import NDArray
 
 from .attributes import mesh_normals
@@ -15,6 +16,11 @@ REACH = 0.25
 """Longest way back to the surface, over the mean length of the edges of a vertex."""
 TURN = 0.5
 """Least cosine between the normals of a triangle before and after."""
+
+LOOSE = 0.5
+"""Support below which a vertex belongs to a closing and not to the data."""
+ROUNDS = 6
+"""Times that closings are averaged: a dent of as many edges goes."""
 
 Array = NDArray[np.float64]
 
@@ -28,6 +34,7 @@ def relax(
 
     Every vertex goes towards the middle of its neighbours, in its tangential plane only, and then
     along its normal to the zero of the function. A vertex goes back where a triangle would turn.
+    What closes holes is smoothed.
 
     Parameters
     ----------
@@ -61,9 +68,44 @@ def relax(
         turned = (facing * _facing(moved, triangles)).sum(axis=1) < TURN
         turned &= (moved[triangles] != vertices[triangles]).any(axis=(1, 2))
         if not turned.any():
-            return moved, support
+            return smooth_closings(moved, triangles, support), support
         stay = triangles[turned].ravel()
         moved[stay] = vertices[stay]
+
+
+def smooth_closings(vertices: Array, triangles: NDArray[np.int32], support: Array) -> Array:
+    """Smooth what closes holes, like a membrane that the data holds.
+
+    Parameters
+    ----------
+    vertices : (m, 3) float64
+    triangles : (t, 3) int32
+        A closed mesh.
+    support : (m,) float64
+        Vertices without any move most, those on the data stay.
+
+    Returns
+    -------
+    (m, 3) float64
+    """
+    loose = np.flatnonzero(support < LOOSE)
+    row = np.full(len(vertices), -1)
+    row[loose] = np.arange(len(loose))
+    ends, following = triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
+    of_loose = row[ends] >= 0
+    count = np.bincount(row[ends[of_loose]], minlength=len(loose))
+    mean = scipy.sparse.csr_matrix(
+        (
+            1.0 / count[row[ends[of_loose]]],
+            (row[ends[of_loose]], following[of_loose]),
+        ),
+        shape=(len(loose), len(vertices)),
+    )
+    weight = 0.5 * (1.0 - support[loose] / LOOSE)[:, None]
+    result = vertices.copy()
+    for _ in range(ROUNDS):
+        result[loose] += weight * (mean @ result - result[loose])
+    return result
 
 
 def _facing(vertices: Array, triangles: NDArray[np.int32]) -> Array:

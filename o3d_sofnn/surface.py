@@ -13,6 +13,10 @@ from .marching_cubes import CORNERS, marching_cubes
 Evaluate = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 
+WALL = 16.0
+"""Factor of the far field beside the wall of the domain."""
+
+
 def extract(
     evaluate: Evaluate,
     seeds: NDArray[np.float64],
@@ -78,9 +82,11 @@ def _walled(
     """Evaluate in the middle of leaves; outside of the box of the domain all is outside."""
     x = grid.positions(leaves)
     values, support = evaluate(x)
-    # Far away only the sign counts. In proportion to the leaves it lets the wall cut straight.
-    values = np.where(support > 0.0, values, values * grid.edges(leaves))
+    # Far away only the sign counts. Large values let the wall cut straight.
+    edge = grid.edges(leaves)
     wall = np.maximum(grid.low - x, x - grid.high).max(axis=1)
+    at_wall = wall > -2.0 * grid.size * edge
+    values = np.where(support > 0.0, values, values * edge * np.where(at_wall, WALL, 1.0))
     return np.asarray(np.maximum(values, wall))
 
 

@@ -7,7 +7,7 @@ from mesh_checks import assert_valid_mesh
 from shapes import sphere, torus
 
 from o3d_sofnn.pipeline import reconstruct_surface
-from o3d_sofnn.relaxation import relax
+from o3d_sofnn.relaxation import relax, smooth_closings
 from o3d_sofnn.surface import extract
 
 
@@ -51,3 +51,16 @@ def test_reconstructed_triangles_are_even():
     surface = reconstruct_surface(torus(4000).points)
     assert_valid_mesh(surface.vertices, surface.triangles, components=1)
     assert (smallest_angles(surface.vertices, surface.triangles) < 10.0).mean() < 0.01
+
+
+def test_closings_become_smooth_and_the_data_stays():
+    smooth, triangles = extract(distance, sphere(4000).points, 0.08)
+    rng = np.random.default_rng(0)
+    closing = smooth[:, 2] > 0.8
+    rough = smooth + 0.02 * rng.normal(size=smooth.shape) * closing[:, None]
+    support = np.where(closing, 0.0, 1.0)
+    vertices = smooth_closings(rough, triangles, support)
+    assert_valid_mesh(vertices, triangles, components=1)
+    np.testing.assert_array_equal(vertices[~closing], rough[~closing])
+    before, after = (abs(distance(v[closing])[0]).mean() for v in (rough, vertices))
+    assert after < 0.6 * before
