@@ -22,6 +22,8 @@ RANDOM = 0.5
 """Mean disagreement in radians above which normals carry no information (unrelated ones: 1)."""
 FEW = 11
 """Sizes tried at first: enough for all but strong noise."""
+REGION = 24
+"""Pilots that make a region."""
 PILOTS = 1500
 """Places at which the scale is chosen; in between the nearest one speaks."""
 
@@ -32,8 +34,10 @@ class Scale:
 
     Attributes
     ----------
+    places : (p, 3) float64
+        The pilot points.
     tree : KdTree
-        Over the pilot points.
+        Over them.
     n_neighbors : (p,) int64
         Neighbourhood size at which normals agree best with those of larger neighbourhoods.
     noise : (p,) float64
@@ -42,6 +46,7 @@ class Scale:
         Edge of the square that one point covers.
     """
 
+    places: NDArray[np.float64]
     tree: KdTree
     n_neighbors: NDArray[np.int64]
     noise: NDArray[np.float64]
@@ -85,11 +90,10 @@ def choose_scale(
         At up to 1500 pilots, evenly spread over the points.
     """
     n = len(points)
-    limit = max(min(max_neighbors or n, n // 20), SCALES[0])
-    sizes = np.minimum(SCALES[: np.searchsorted(SCALES, limit, "right") + 2], n)
+    sizes = sizes_to_try(n, max_neighbors)
     pilots = points[np.linspace(0, n - 1, min(n, PILOTS)).astype(np.int64)]
     pilot_tree = KdTree(pilots, n_threads)
-    region = pilot_tree.query(pilots, min(24, len(pilots)), np.inf, n_threads)[1]
+    region = pilot_tree.query(pilots, min(REGION, len(pilots)), np.inf, n_threads)[1]
     normals, info = np.empty((len(pilots), 0, 3)), np.empty((len(pilots), 0, 4))
     for some in (sizes[:FEW], sizes[FEW:]):
         more_normals, more_info = fit_scales(tree, points, pilots, some, n_threads)
@@ -115,7 +119,26 @@ def choose_scale(
     noise = np.median(noise[region], axis=1)
     radius = info[row, chosen, 2] / RADIUS
     spacing = radius * np.sqrt(np.pi / sizes[chosen])
-    return Scale(pilot_tree, sizes[chosen], noise, np.median(spacing[region], axis=1))
+    return Scale(pilots, pilot_tree, sizes[chosen], noise, np.median(spacing[region], axis=1))
+
+
+def sizes_to_try(n_points: int, max_neighbors: int | None) -> NDArray[np.int64]:
+    """Neighbourhood sizes for a cloud, two more than may be chosen.
+
+    Parameters
+    ----------
+    n_points : int
+        Points of the cloud.
+    max_neighbors : int or None
+        Largest neighbourhood allowed.
+
+    Returns
+    -------
+    (s,) int64
+        Ascending.
+    """
+    limit = max(min(max_neighbors or n_points, n_points // 20), SCALES[0])
+    return np.minimum(SCALES[: np.searchsorted(SCALES, limit, "right") + 2], n_points)
 
 
 def noise_level(

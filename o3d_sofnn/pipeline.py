@@ -23,6 +23,7 @@ from .resolution import choose_levels, choose_voxel_size
 from .results import NormalEstimate, SurfaceEstimate
 from .rlps import local_surfaces
 from .rules import RuleBase, fit_rules, infer_normals, sides_around, typical_data
+from .scale import refine_scale
 from .surface import extract
 from .trimming import cut, drop_strays
 from .validation import affine_rank, thread_count
@@ -249,6 +250,7 @@ def _learn(
             seen = order[inliers]
             places = viewpoint[seen] if viewpoint.ndim == 2 else viewpoint
             sides = seen_from(places, points[seen], sides)
+        scale = refine_scale(clean, tree, scale, sides, max_nn, limit, threads)
     with clock.stage("typical data"):
         centers, facing = typical_data(clean, sides, tree, scale, threads)
         pilot = scale.at(centers, threads)

@@ -46,7 +46,7 @@ def choose_voxel_size(
         return voxel_size
     if depth is not None:
         return float(np.ptp(points, axis=0).max() / 2**depth)
-    wanted = max(0.75 * spacing, 0.25 * float(np.median(rules.radius)))
+    wanted = max(0.75 * spacing, 0.15 * float(np.median(rules.radius)))
     finest = float(np.ptp(points, axis=0).max() / max(SIDE, 1.25 * np.sqrt(len(points))))
     return max(wanted, finest)
 
@@ -81,7 +81,7 @@ def choose_levels(
         The cubes around a sample have an edge of ``finest * 2**level``.
     """
     nearest = KdTree(rules.centers, n_threads).query(samples, 1, np.inf, n_threads)[1][:, 0]
-    resolved = np.minimum(0.25 * rules.radius[nearest], size)  # wide rules are no reason for gaps
+    resolved = np.minimum(0.15 * rules.radius[nearest], size)  # wide rules are no reason for gaps
     wanted = np.maximum(0.75 * spacing, resolved)
     steps = np.maximum(np.trunc(np.log2(wanted / size)).astype(np.int64), -FINER)
     finer = max(0, -int(steps.min()))
