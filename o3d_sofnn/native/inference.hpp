@@ -74,8 +74,8 @@ SOFNN_CLONES inline void evaluate_rule(const Run& run, const Rule& rule, const d
   const double inv = 1 / rule.radius, radius = rule.radius, inv_tolerance = 1 / rule.tolerance;
   const Vec3 c = rule.center, a = inv * rule.frame.t1, b = inv * rule.frame.t2, n = inv * rule.frame.n;
   const Vec3 t1 = rule.frame.t1, t2 = rule.frame.t2, t3 = rule.frame.n;
-  const double q0 = rule.coefficients[0], q1 = rule.coefficients[1], q2 = rule.coefficients[2],
-               q3 = rule.coefficients[3], q4 = rule.coefficients[4], q5 = rule.coefficients[5];
+  const double q[6] = {rule.coefficients[0], rule.coefficients[1], rule.coefficients[2],
+                       rule.coefficients[3], rule.coefficients[4], rule.coefficients[5]};
   const double quality = rule.log_quality, concentration = rule.concentration;
   const double *SOFNN_RESTRICT x = run.x.data(), *SOFNN_RESTRICT y = run.y.data(), *SOFNN_RESTRICT z = run.z.data();
   const double *SOFNN_RESTRICT sx = run.side_x.data(), *SOFNN_RESTRICT sy = run.side_y.data(),
@@ -88,9 +88,10 @@ SOFNN_CLONES inline void evaluate_rule(const Run& run, const Rule& rule, const d
     const double square = u * u + v * v;
     const double shrink = inverse_sqrt(square > 1 ? square : 1);  // no extrapolation beyond the data of the quadric
     u *= shrink, v *= shrink;
-    const double qu = q1 + 2 * q3 * u + q4 * v, qv = q2 + q4 * u + 2 * q5 * v;
+    double arc, qu, qv;
+    consequent(q, u, v, &arc, &qu, &qv);
     const double tilt = inverse_sqrt(1 + qu * qu + qv * qv);
-    const double height = (h - (q0 + u * (q1 + q3 * u + q4 * v) + v * (q2 + q5 * v))) * tilt * radius;
+    const double height = (h - arc) * tilt * radius;
     const double nx = tilt * (t3.x - qu * t1.x - qv * t2.x), ny = tilt * (t3.y - qu * t1.y - qv * t2.y),
                  nz = tilt * (t3.z - qu * t1.z - qv * t2.z);
     const double miss = height * inv_tolerance;

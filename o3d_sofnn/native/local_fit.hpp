@@ -18,10 +18,10 @@ struct LocalFit {
 // fit, its weights, residuals.
 struct FitScratch {
   Search neighbors;
-  std::vector<double> x, y, z, factor, u, v, h, weight, robust, residual;
+  std::vector<double> x, y, z, factor, u, v, h, weight, robust, residual, target;
 
   void resize(int64_t n) {
-    for (auto* column : {&x, &y, &z, &factor, &u, &v, &h, &weight, &robust, &residual})
+    for (auto* column : {&x, &y, &z, &factor, &u, &v, &h, &weight, &robust, &residual, &target})
       if (static_cast<int64_t>(column->size()) < n) column->resize(n);
   }
 };
@@ -148,7 +148,28 @@ inline double slope_variance(const double* factor) {
   return sum;
 }
 
-// Weighted quadric over the first k points of s, the farthest of which is known. robust > 0 weights residuals by exp(-r^2 / (2 robust^2)), iterated.
+// The arc of a circle over the parabola with the same curvature: along every direction of the tangent plane the surface
+// is taken as a circle, so that tubes and spheres have no error of shape. The arc ends before it turns vertical.
+constexpr double kSteepest = 0.75;
+
+// Height of the arc over that of the parabola (1 at the centre), from the height p of the parabola at a squared distance.
+SOFNN_INLINE double arc_over_parabola(double p, double sq) {
+  const double steep = 4 * p * p / (sq > 1e-30 ? sq : 1e-30);
+  return 2 / (1 + std::sqrt(1 - (steep < kSteepest ? steep : kSteepest)));
+}
+
+SOFNN_CLONES inline void subtract_arcs(const double* SOFNN_RESTRICT us, const double* SOFNN_RESTRICT vs,
+                                       const double* SOFNN_RESTRICT hs, int64_t n, const double* q,
+                                       double* SOFNN_RESTRICT out) {
+  const double q3 = q[3], q4 = q[4], q5 = q[5];
+  for (int64_t i = 0; i < n; ++i) {
+    const double u = us[i], v = vs[i], p = u * (q3 * u + q4 * v) + q5 * v * v;
+    out[i] = hs[i] - p * (arc_over_parabola(p, u * u + v * v) - 1);
+  }
+}
+
+// Weighted quadric over the first k points of s, the farthest of which is known. robust > 0 weights residuals by
+// exp(-r^2 / (2 robust^2)), iterated.
 inline LocalFit fit_quadric(Vec3 center, int64_t k, double sq_radius, double robust, int iterations, FitScratch& s) {
   LocalFit fit{};
   const double radius = std::sqrt(sq_radius) * 1.1, inv = radius > 0 ? 1 / radius : 0;
@@ -167,15 +188,15 @@ inline LocalFit fit_quadric(Vec3 center, int64_t k, double sq_radius, double rob
   const Frame scaled{inv * fit.frame.t1, inv * fit.frame.t2, inv * fit.frame.n};
   turn(s.x.data(), s.y.data(), s.z.data(), k, scaled, s.u.data(), s.v.data(), s.h.data());
 
-  const double* weight = s.weight.data();
+  const double *weight = s.weight.data(), *height = s.h.data();
   double factor[36];
   for (int pass = 0; pass <= iterations; ++pass) {
     QuadricSums sums;
-    sum_quadric(s.u.data(), s.v.data(), s.h.data(), weight, k, &sums);
+    sum_quadric(s.u.data(), s.v.data(), height, weight, k, &sums);
     if (!factor_quadric(sums, factor)) break;
     cholesky_solve(factor, 6, 6, sums.right);
     std::copy(sums.right, sums.right + 6, fit.coefficients);
-    const double sq = sum_residuals(s.u.data(), s.v.data(), s.h.data(), weight, k, fit.coefficients, s.residual.data());
+    const double sq = sum_residuals(s.u.data(), s.v.data(), height, weight, k, fit.coefficients, s.residual.data());
     const double sum = sums.moments[0], effective = sum * sum / std::max(sums.weight2, 1e-300);
     const double rms = std::sqrt(sq / std::max(sum, 1e-300) * effective / std::max(effective - 6, 1.0));
     fit.rms = rms * radius;
@@ -184,6 +205,8 @@ inline LocalFit fit_quadric(Vec3 center, int64_t k, double sq_radius, double rob
     const double scale = std::max(robust * inv, 0.5 * rms);
     weigh_residuals(s.weight.data(), s.residual.data(), k, -0.5 / std::max(scale * scale, 1e-300), s.robust.data());
     weight = s.robust.data();
+    subtract_arcs(s.u.data(), s.v.data(), s.h.data(), k, fit.coefficients, s.target.data());
+    height = s.target.data();
   }
   const double* q = fit.coefficients;
   fit.normal = unit(fit.frame.n - q[1] * fit.frame.t1 - q[2] * fit.frame.t2);

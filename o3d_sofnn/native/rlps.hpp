@@ -26,7 +26,8 @@ struct LocalSurface {
 };
 
 inline double quadric_height(const double* q, double u, double v) {
-  return q[0] + q[1] * u + q[2] * v + q[3] * u * u + q[4] * u * v + q[5] * v * v;
+  const double p = q[3] * u * u + q[4] * u * v + q[5] * v * v;
+  return q[0] + q[1] * u + q[2] * v + p * arc_over_parabola(p, u * u + v * v);
 }
 
 // Sum of the terms (centre, weight) at a place in the frame of the rule.

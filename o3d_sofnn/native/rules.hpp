@@ -47,6 +47,19 @@ struct TermView {
   }
 };
 
+// Height and slopes of the consequent of a rule over its tangent plane.
+SOFNN_INLINE void consequent(const double* q, double u, double v, double* height, double* slope_u, double* slope_v) {
+  const double sq = u * u + v * v, p = u * (q[3] * u + q[4] * v) + q[5] * v * v;
+  const double pu = 2 * q[3] * u + q[4] * v, pv = q[4] * u + 2 * q[5] * v;
+  const double bend = 2 * p / (sq > 1e-30 ? sq : 1e-30), steep = bend * bend * sq;
+  const double root = std::sqrt(1 - (steep < kSteepest ? steep : kSteepest)), arc = 2 / (1 + root);
+  // Derivative of the arc by the steepness, times p; none where the arc has ended.
+  const double more = steep < kSteepest ? p / ((1 + root) * (1 + root) * root) : 0.0;
+  *height = q[0] + q[1] * u + q[2] * v + p * arc;
+  *slope_u = q[1] + arc * pu + more * (4 * bend * pu - 2 * bend * bend * u);
+  *slope_v = q[2] + arc * pv + more * (4 * bend * pv - 2 * bend * bend * v);
+}
+
 // What one rule says at x: squared tangential distance over its radius, signed distance, normal of its quadric.
 struct LocalImplicit {
   double sq, height;
@@ -61,9 +74,10 @@ inline LocalImplicit local_implicit(const RuleView& view, int64_t j, Vec3 x, con
   double u = dot(d, f.t1), v = dot(d, f.t2), h = dot(d, f.n);
   const double sq = u * u + v * v, shrink = sq > 1 ? 1 / std::sqrt(sq) : 1;
   u *= shrink, v *= shrink;  // no extrapolation of the quadric beyond its own data
-  const double qu = q[1] + 2 * q[3] * u + q[4] * v, qv = q[2] + q[4] * u + 2 * q[5] * v;
+  double height, qu, qv;
+  consequent(q, u, v, &height, &qu, &qv);
   const double inv = 1 / std::sqrt(1 + qu * qu + qv * qv);
-  const double height = quadric_height(q, u, v) + terms.sum(j, u, v, h);
+  height += terms.sum(j, u, v, h);
   return {sq, (h - height) * inv * rule.radius, inv * (f.n - qu * f.t1 - qv * f.t2)};
 }
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .local_fit import STEEPEST, arc_over_parabola
 from .rlps import basis, quadric_height
 from .rules import Rules
 
@@ -56,8 +57,8 @@ def contributions(place: Array, rules: Rules, terms: list[Array] | None = None) 
     for row, local in enumerate(terms or []):
         here = np.array([[u[row], v[row], h[row]]])
         height[row] += (basis(here, local[:, :3]) @ local[:, 3])[0]
-    c0, c1, c2, c3, c4, c5 = coefficients.T
-    slope_u, slope_v = c1 + 2.0 * c3 * u + c4 * v, c2 + c4 * u + 2.0 * c5 * v
+    c0 = coefficients[:, 0]
+    slope_u, slope_v = _slopes(coefficients, u, v)
     tilt = 1.0 / np.sqrt(1.0 + slope_u**2 + slope_v**2)
     normal = frames[:, 2] - slope_u[:, None] * frames[:, 0] - slope_v[:, None] * frames[:, 1]
     return Contribution(
@@ -65,6 +66,23 @@ def contributions(place: Array, rules: Rules, terms: list[Array] | None = None) 
         residual=(h - height) * tilt * radius,
         normal=normal * tilt[:, None],
         foot=centers + (radius * c0)[:, None] * frames[:, 2],
+    )
+
+
+def _slopes(coefficients: Array, u: Array, v: Array) -> tuple[Array, Array]:
+    """Differentiate the height of the consequents by both tangents."""
+    _, c1, c2, c3, c4, c5 = coefficients.T
+    sq_distance = np.maximum(u**2 + v**2, 1e-30)
+    parabola = c3 * u**2 + c4 * u * v + c5 * v**2
+    by_u, by_v = 2.0 * c3 * u + c4 * v, c4 * u + 2.0 * c5 * v
+    arc = arc_over_parabola(parabola, sq_distance)
+    bend = 2.0 * parabola / sq_distance
+    steep = bend**2 * sq_distance
+    root = np.sqrt(1.0 - np.minimum(steep, STEEPEST))
+    more = np.where(steep < STEEPEST, parabola / ((1.0 + root) ** 2 * root), 0.0)
+    return (
+        c1 + arc * by_u + more * (4.0 * bend * by_u - 2.0 * bend**2 * u),
+        c2 + arc * by_v + more * (4.0 * bend * by_v - 2.0 * bend**2 * v),
     )
 
 

@@ -11,6 +11,8 @@ from .neighbors import query
 
 Array = NDArray[np.float64]
 
+STEEPEST = 0.75
+"""Squared slope, over that of the diagonal, at which an arc ends."""
 NOISY_NORMALS = 5.0
 """How flat the weight by angle is for small angles, over the ratio of residual width to radius."""
 RADIUS = 1.1
@@ -168,14 +170,17 @@ def fit_quadric(
 
     basis = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
     coefficients, rms, slope_error, scale = np.zeros(6), 0.0, 0.0, np.inf
+    target = h
     for _ in range(iterations + 1 if robust > 0.0 else 1):
-        w = weight * np.exp(-0.5 * ((h - basis @ coefficients) / scale) ** 2)
+        w = weight * np.exp(-0.5 * ((target - basis @ coefficients) / scale) ** 2)
         sum_w, sum_w2 = max(w.sum(), 1e-300), max((w**2).sum(), 1e-300)
         normal_matrix = (w[:, None] * basis).T @ basis + np.diag(sum_w * RIDGE)
-        coefficients = np.linalg.solve(normal_matrix, basis.T @ (w * h))
+        parabola = basis[:, 3:] @ coefficients[3:]
+        target = h - parabola * (arc_over_parabola(parabola, u**2 + v**2) - 1.0)
+        coefficients = np.linalg.solve(normal_matrix, basis.T @ (w * target))
         inverse = np.linalg.inv(normal_matrix)
 
-        residual = h - basis @ coefficients
+        residual = target - basis @ coefficients
         effective = sum_w**2 / sum_w2
         freedom = effective / max(effective - 6.0, 1.0)
         rms = float(np.sqrt(w @ residual**2 / sum_w * freedom))
@@ -192,6 +197,25 @@ def fit_quadric(
         coefficients=coefficients,
         info=np.array([rms * radius, slope_error, radius, variation]),
     )
+
+
+def arc_over_parabola(parabola: Array, sq_distance: Array) -> Array:
+    """Height of a circle over that of the parabola with the same curvature at its vertex.
+
+    Parameters
+    ----------
+    parabola : (n,) float64
+        Height of the parabola.
+    sq_distance : (n,) float64
+        Squared distance from the vertex.
+
+    Returns
+    -------
+    (n,) float64
+        1 at the vertex; the arc ends before it turns vertical.
+    """
+    steep = np.minimum(4.0 * parabola**2 / np.maximum(sq_distance, 1e-30), STEEPEST)
+    return np.asarray(2.0 / (1.0 + np.sqrt(1.0 - steep)))
 
 
 def frame_of(normal: Array) -> Array:

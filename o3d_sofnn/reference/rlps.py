@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .local_fit import arc_over_parabola
 from .neighbors import query
 from .rules import Rules
 
@@ -126,9 +127,10 @@ def reconstruct_unit(local: Array, quadric: Array, tolerance: float) -> LocalSur
 
 
 def quadric_height(quadric: Array, u: Array, v: Array) -> Array:
-    """Evaluate ``c0 + c1 u + c2 v + c3 u^2 + c4 uv + c5 v^2``."""
+    """Evaluate ``c0 + c1 u + c2 v + p s`` with the parabola ``p = c3 u^2 + c4 uv + c5 v^2``."""
     c0, c1, c2, c3, c4, c5 = quadric.T
-    return np.asarray(c0 + c1 * u + c2 * v + c3 * u**2 + c4 * u * v + c5 * v**2)
+    parabola = c3 * u**2 + c4 * u * v + c5 * v**2
+    return np.asarray(c0 + c1 * u + c2 * v + parabola * arc_over_parabola(parabola, u**2 + v**2))
 
 
 def basis(x: Array, centers: Array) -> Array:
