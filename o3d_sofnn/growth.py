@@ -118,3 +118,26 @@ def adjust(rules: RuleBase, points: NDArray[np.float64], n_threads: int) -> Rule
     coefficients = rules.coefficients.copy()
     coefficients[:, 0] += step / rules.radius
     return replace(rules, coefficients=coefficients)
+
+
+def subtract_noise(rules: RuleBase) -> RuleBase:
+    """Move the consequents inwards by as much as noise moves points outwards on a curved surface.
+
+    A point displaced along the tangent plane of a surface with mean curvature H ends outside of it:
+    noise of variance s^2 in all directions has points on average s^2 H off the surface.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Oriented rules.
+
+    Returns
+    -------
+    RuleBase
+        The same rules, moved along their normals.
+    """
+    steepest = 1.0 / rules.radius[:, None]  # what is curved more is not resolved by the fit
+    mean_curvature = np.clip(rules.curvatures, -steepest, steepest).mean(axis=1)
+    coefficients = rules.coefficients.copy()
+    coefficients[:, 0] -= rules.noise**2 * mean_curvature / rules.radius
+    return replace(rules, coefficients=coefficients)

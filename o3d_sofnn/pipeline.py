@@ -14,7 +14,7 @@ from .attributes import attribute_weights, mesh_normals
 from .clock import STAGES, Clock, Progress
 from .decimation import decimate
 from .field import Field
-from .growth import adjust, combine, generate
+from .growth import adjust, combine, generate, subtract_noise
 from .local_fit import Scale, choose_scale, find_outliers
 from .octree import sort_unique
 from .orientation import certainty, settle, undecided
@@ -275,7 +275,7 @@ def _learn(
             normals=normals,
             sides=np.concatenate([facing, side]),
         )
-        rules = adjust(combine(rules, threads), clean, threads)
+        rules = subtract_noise(adjust(combine(rules, threads), clean, threads))
         confidence = certainty(rules, threads)
         if not known and towards is None:
             confidence[undecided(rules, threads)] = 0.0
