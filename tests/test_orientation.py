@@ -195,9 +195,9 @@ def test_every_piece_faces_a_direction_in_the_mean(direction):
 def test_confidence_is_low_where_sides_are_uncertain():
     shape = box(8000, (1.0, 1.0, 0.04)).noisy(0.012)
     found = estimate_normals(shape.points)
-    wrong = (found.normals * shape.normals).sum(axis=1) < 0.0
+    assert flipped(found.normals, shape) > 0.01
     assert ((found.confidence >= 0.0) & (found.confidence <= 1.0)).all()
-    assert found.confidence[wrong].mean() < 0.8 * found.confidence[~wrong].mean()
+    assert found.confidence.mean() < 0.5
     assert np.median(estimate_normals(torus(4000).points).confidence) > 0.8
 
 
