@@ -7,7 +7,7 @@ namespace sofnn {
 
 struct FieldScratch {
   Search neighbors;
-  std::vector<double> log_weight, height, reach;
+  std::vector<double> log_weight, height, reach, share;
   std::vector<int> face;
   std::vector<Vec3> foot;
   std::vector<Vec3> normal;
@@ -23,13 +23,13 @@ constexpr double kFaint = -3;
 
 // Two faces meet in a convex edge when each lies behind the other: their solids intersect; else they unite.
 // All pairs of rules vote by their memberships.
-inline bool meet_convex(const FieldScratch& s, int a, int b, double best) {
+inline bool meet_convex(const FieldScratch& s, int a, int b) {
   double vote = 0;
   for (size_t i = 0; i < s.face.size(); ++i)
     for (size_t j = 0; s.face[i] == a && j < s.face.size(); ++j)
       if (s.face[j] == b) {
         const Vec3 d = s.foot[j] - s.foot[i];
-        vote += std::exp(s.reach[i] + s.reach[j] - 2 * best) * (dot(d, s.normal[i]) - dot(d, s.normal[j]));
+        vote += s.share[i] * s.share[j] * (dot(d, s.normal[i]) - dot(d, s.normal[j]));
       }
   return vote < 0;
 }
@@ -39,7 +39,7 @@ inline bool meet_convex(const FieldScratch& s, int a, int b, double best) {
 inline double evaluate_field(const RuleView& view, const TermView& terms, Vec3 x, int64_t k, FieldScratch& s) {
   view.tree.nearest_sorted(x, k, 1e300, s.neighbors);
   const int64_t n = s.neighbors.size();
-  s.log_weight.resize(n), s.normal.resize(n), s.height.resize(n), s.face.assign(n, -1), s.reach.resize(n), s.foot.resize(n);
+  s.log_weight.resize(n), s.normal.resize(n), s.height.resize(n), s.face.assign(n, -1), s.reach.resize(n), s.foot.resize(n), s.share.resize(n);
   double nearest = -1e300;
   for (int64_t i = 0; i < n; ++i) {
     const int64_t j = s.neighbors[i].index;
@@ -47,7 +47,7 @@ inline double evaluate_field(const RuleView& view, const TermView& terms, Vec3 x
     const LocalImplicit local = local_implicit(view, j, x, terms);
     s.normal[i] = local.normal, s.height[i] = local.height;
     s.foot[i] = rule.center + (rule.radius * rule.coefficients[0]) * rule.frame.n;
-    s.reach[i] = -2 * local.sq + std::log(std::max(rule.quality, 1e-300));
+    s.reach[i] = -2 * local.sq + rule.log_quality;
     nearest = std::max(nearest, s.reach[i]);
     const double z = local.height / std::max(rule.tolerance, 0.35 * rule.radius);
     s.log_weight[i] = s.reach[i] - 0.5 * z * z;
@@ -71,10 +71,12 @@ inline double evaluate_field(const RuleView& view, const TermView& terms, Vec3 x
         sum += w * s.height[i], total += w;
       }
     const double height = sum / total;
+    if (face == 1)
+      for (int64_t i = 0; i < n; ++i) s.share[i] = std::exp(s.reach[i] - nearest);
     if (face == 0)
       value = height;
     else
-      value = meet_convex(s, 0, face, nearest) ? std::max(value, height) : std::min(value, height);
+      value = meet_convex(s, 0, face) ? std::max(value, height) : std::min(value, height);
   }
   return value;
 }

@@ -25,6 +25,7 @@ struct RunRule {
   Lanes weight, height, nx, ny, nz;
 };
 constexpr double kOut = -1e300;
+constexpr double kLeastQuality = -27.631021115928547;  // log(1e-12)
 
 struct InferenceScratch {
   Run run;
@@ -76,7 +77,7 @@ SOFNN_CLONES inline void evaluate_rule(const Run& run, const Rule& rule, const d
   const Vec3 t1 = rule.frame.t1, t2 = rule.frame.t2, t3 = rule.frame.n;
   const double q[6] = {rule.coefficients[0], rule.coefficients[1], rule.coefficients[2],
                        rule.coefficients[3], rule.coefficients[4], rule.coefficients[5]};
-  const double quality = rule.log_quality, concentration = rule.concentration;
+  const double quality = std::max(rule.log_quality, kLeastQuality), concentration = rule.concentration;
   const double *SOFNN_RESTRICT x = run.x.data(), *SOFNN_RESTRICT y = run.y.data(), *SOFNN_RESTRICT z = run.z.data();
   const double *SOFNN_RESTRICT sx = run.side_x.data(), *SOFNN_RESTRICT sy = run.side_y.data(),
                *SOFNN_RESTRICT sz = run.side_z.data(), *SOFNN_RESTRICT limit = run.sq_limit.data();

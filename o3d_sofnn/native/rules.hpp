@@ -30,7 +30,7 @@ struct RuleView {
       r.frame = {load(f), load(f + 3), load(f + 6)};
       std::copy(q, q + 6, r.coefficients);
       r.radius = radius[i], r.tolerance = tolerance[i], r.quality = quality[i];
-      r.log_quality = std::log(std::max(quality[i], 1e-12));
+      r.log_quality = std::log(std::max(quality[i], 1e-300));
       r.concentration = kConcentration * std::max(tolerance[i] / radius[i] - kCleanTolerance, 0.0);
     }
   }
