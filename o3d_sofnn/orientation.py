@@ -15,10 +15,10 @@ ALIKE = 0.7
 """Least cosine between the planes of neighbouring rules that hand on a sign."""
 CLOSED = 0.72
 """Share of a piece with nothing in front of it from which on it counts as closed."""
-NOISY = (5.0, 0.06, 0.82)
+NOISY = (5.0, 0.05, 0.02)
 """Largest rise over the noise of a step between the two sides that the winding number makes of one
 noisy sheet (3.2 for halves of a Gaussian), least share of such steps in a piece like that, and
-the share with nothing in front from which on it counts as closed nevertheless."""
+largest share of the contradictions that stay when it is made one sheet (more do on thin arms)."""
 SMOOTH = 0.7
 """Smoothing width of the winding number of rules, over their spacing."""
 PREFERENCE = 0.05
@@ -77,11 +77,10 @@ def unify(rules: RuleBase, n_threads: int) -> tuple[RuleBase, NDArray[np.bool_]]
     after = np.bincount(pieces_of_edges, sign[a] * sign[b] * cosine < 0, count)
     closed = np.bincount(piece, area * empty_in_front(rules, n_threads)) / np.bincount(piece, area)
     within_noise = (cosine < 0) & (rise < NOISY[0] * np.maximum(rules.noise[a], rules.noise[b]))
-    noisy = np.bincount(pieces_of_edges, within_noise, count) > NOISY[1] * np.bincount(
-        pieces_of_edges, minlength=count
-    )
-    is_open = closed < np.where(noisy, NOISY[2], CLOSED)
-    replaced = ((after < 0.5 * before) & is_open)[piece]
+    edges = np.bincount(pieces_of_edges, minlength=count)
+    noisy = np.bincount(pieces_of_edges, within_noise, count) > NOISY[1] * edges
+    sheet = (noisy & (after <= NOISY[2] * before)) | ((closed < CLOSED) & (after < 0.5 * before))
+    replaced = sheet[piece]
     return rules.facing(normals * np.where(replaced, sign, 1.0)[:, None]), replaced
 
 
