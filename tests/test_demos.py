@@ -222,3 +222,10 @@ def test_limits_of_every_stage(run: Run) -> None:
     assert result.returncode == 0, result.stderr
     stages = [line.split("|")[1].strip() for line in result.stdout.splitlines() if "|" in line]
     assert {"cells", "orientation", "surface"} <= set(stages)
+
+
+def test_orientation_prints_both_tables(run: Run) -> None:
+    done = run("orientation", "-n", 1500)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("\n| plate") == 3
+    assert "least confident first" in done.stdout
