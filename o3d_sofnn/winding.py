@@ -14,6 +14,9 @@ COARSE, FINE = (1.5, 4.0), (0.7, 3.0)
 """Smoothing width at first and at last: so many distances of representatives, or so many standard
 deviations of the noise if that is more. Less of it and the noise decides, more and thin parts
 vanish; many iterations at a small width learn the noise by heart."""
+REGION = 300
+"""Representatives whose median says how far apart they are in a region: walls closer together than
+that keep their width, sparse regions get a wider one."""
 ITERATIONS = (17, 3)
 """Iterations at the coarse width, and on the way to the fine one."""
 BLUR = 4.5
@@ -44,16 +47,17 @@ def orient_points(points: NDArray[np.float64], noise: float, n_threads: int) -> 
         Unit normals; on an open sheet without a preferred side either one.
     """
     x = representatives(points)
-    near = KdTree(x, n_threads).query(x, min(5, len(x)), np.inf, n_threads)[0]
-    spacing = float(np.median(near[:, 1:]))
-    coarse, fine = (max(a * spacing, b * noise) for a, b in (COARSE, FINE))
+    tree = KdTree(x, n_threads)
+    distance, index = tree.query(x, min(REGION, len(x)), np.inf, n_threads)
+    spacing = np.median(np.median(distance[:, 1:5], axis=1)[index], axis=1)
+    coarse, fine = (np.maximum(a * spacing, b * noise) for a, b in (COARSE, FINE))
     steady, narrowing = ITERATIONS
-    widths = np.append(np.full(steady, coarse), np.geomspace(coarse, fine, narrowing))
+    widths = np.concatenate([[coarse] * steady, np.geomspace(coarse, fine, narrowing)])
     mu = winding_number_normals(x, widths, n_threads)
-    tree = WindingTree(x, np.linalg.norm(mu, axis=1))
-    width = np.full(len(points), max(fine, BLUR * noise))
-    gradient = tree.gradient(mu, points, width, OPENING, n_threads)[1]
-    return unit(np.asarray(gradient))
+    sources = WindingTree(x, np.linalg.norm(mu, axis=1))
+    nearest = tree.query(points, 1, np.inf, n_threads)[1][:, 0]
+    width = np.maximum(fine, BLUR * noise)[nearest]
+    return unit(np.asarray(sources.gradient(mu, points, width, OPENING, n_threads)[1]))
 
 
 def representatives(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -91,8 +95,8 @@ def winding_number_normals(
     ----------
     x : (m, 3) float64
         Positions on the surface or scattered about it.
-    widths : (k,) float64
-        Smoothing width of each iteration, in the unit of the points.
+    widths : (k, m) float64
+        Smoothing width of each iteration at each position, in the unit of the points.
     n_threads : int
         Threads.
 
@@ -105,8 +109,7 @@ def winding_number_normals(
     sorted_x = np.ascontiguousarray(x[order])
     tree = WindingTree(sorted_x, np.ones(len(x)))
     mu = np.zeros_like(sorted_x)
-    for now in widths:
-        width = np.full(len(x), now)
+    for width in widths[:, order]:
         error = 0.5 - np.asarray(tree.winding(mu, sorted_x, width, OPENING, n_threads))
         descent = -np.asarray(tree.adjoint(error, sorted_x, width, OPENING, n_threads))
         response = np.asarray(tree.winding(descent, sorted_x, width, OPENING, n_threads))

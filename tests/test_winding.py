@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from shapes import box, nested_spheres, sphere, torus, two_spheres
+from shapes import Shape, box, nested_spheres, sphere, torus, two_spheres
 
 from o3d_sofnn.octree import sort_unique
 from o3d_sofnn.winding import orient_points, representatives, winding_number_normals
@@ -44,9 +44,17 @@ def test_noise_as_thick_as_a_quarter_of_a_rod():
     assert oriented(noisy, 0.025)[0] < 2.0 * beyond
 
 
+def test_sparse_regions_get_a_wider_smoothing():
+    shape = sphere(40_000)
+    rng = np.random.default_rng(0)
+    kept = rng.random(len(shape.points)) < 0.1 + 0.9 * (shape.points[:, 0] > 0.0)
+    thinned = Shape(shape.points[kept], shape.normals[kept]).noisy(0.02)
+    assert oriented(thinned, 0.02)[0] < 0.003
+
+
 def test_winding_number_normals_are_outward_and_weighted_by_area():
     points, normals = sphere(1500)
-    mu = winding_number_normals(points, np.geomspace(0.27, 0.063, 20), 1)
+    mu = winding_number_normals(points, np.geomspace(np.full(1500, 0.27), 0.063, 20), 1)
     length = np.linalg.norm(mu, axis=1)
     cosine = (mu * normals).sum(axis=1) / length
     assert (cosine > 0.9).all()
