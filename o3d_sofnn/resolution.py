@@ -11,6 +11,8 @@ from .rules import RuleBase
 SIDE = 1024
 """Cubes along the longest side that are never too many, however few points a wide scene has; an
 object with n points has about sqrt(n) spacings along its side."""
+THIN = 0.6
+"""Confidence in the side below which a part is hardly thicker than the cubes, which are halved."""
 FINER = 3
 """Levels that the densest places may be finer than the median."""
 
@@ -60,6 +62,8 @@ def choose_levels(
 ) -> tuple[float, NDArray[np.int64]]:
     """Halve or double the cubes where the data is more than twice as dense or as sparse.
 
+    Where a clean part is thin they are halved once more, so that arms do not fall to pieces.
+
     Parameters
     ----------
     samples : (n, 3) float64
@@ -83,6 +87,9 @@ def choose_levels(
     nearest = KdTree(rules.centers, n_threads).query(samples, 1, np.inf, n_threads)[1][:, 0]
     resolved = np.minimum(0.15 * rules.radius[nearest], size)  # wide rules are no reason for gaps
     wanted = np.maximum(0.75 * spacing, resolved)
-    steps = np.maximum(np.trunc(np.log2(wanted / size)).astype(np.int64), -FINER)
+    steps = np.trunc(np.log2(wanted / size)).astype(np.int64)
+    certain = rules.confidence[nearest]
+    thin = (certain > 0.0) & (certain < THIN) & (0.75 * spacing >= resolved)
+    steps = np.maximum(steps - thin, -FINER)
     finer = max(0, -int(steps.min()))
     return size / 2**finer, steps + finer
