@@ -7,14 +7,14 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from ._kernels import KdTree
+from .metrics import area_vectors
 
 
 def mesh_normals(
     vertices: NDArray[np.float64], triangles: NDArray[np.int32]
 ) -> NDArray[np.float64]:
     """Average the normals of the triangles by their area; unit vertex normals, (m, 3)."""
-    a, b, c = vertices[triangles].transpose(1, 0, 2)
-    facing = np.cross(b - a, c - a)
+    facing = area_vectors(vertices, triangles)
     total = np.stack(
         [np.bincount(triangles.ravel(), np.repeat(f, 3), len(vertices)) for f in facing.T], axis=1
     )

@@ -6,6 +6,7 @@ from __future__ import annotations
 import inspect
 import sys
 import warnings
+from abc import ABC, abstractmethod
 from typing import Any, TypeVar
 
 import numpy as np
@@ -20,7 +21,7 @@ class NotFittedError(ValueError, AttributeError):
     """Raised where a fitted model is needed; scikit-learn's own class is used if it is loaded."""
 
 
-class Regressor:
+class Regressor(ABC):
     """Parameters, checks and score that scikit-learn expects of a regressor.
 
     A subclass stores the arguments of its constructor under their names.
@@ -65,9 +66,9 @@ class Regressor:
         share = np.divide(error, spread, out=np.where(error > 0.0, 1.0, 0.0), where=varies)
         return float(np.mean(1.0 - share))
 
+    @abstractmethod
     def predict(self, X: ArrayLike) -> Array:
         """Give the outputs at the rows of `X`."""
-        raise NotImplementedError
 
     def __repr__(self) -> str:
         """Show the parameters that differ from their defaults, as scikit-learn does."""
@@ -79,9 +80,9 @@ class Regressor:
         ]
         return f"{type(self).__name__}({', '.join(changed)})"
 
+    @abstractmethod
     def __sklearn_is_fitted__(self) -> bool:
         """Tell whether the model can predict."""
-        raise NotImplementedError
 
     def __sklearn_tags__(self) -> Any:
         """Describe the model to scikit-learn."""

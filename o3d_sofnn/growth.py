@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from . import _kernels
+from .local_fit import RADIUS
 from .rules import RuleBase
 
 ERROR = 3.0
@@ -53,7 +52,7 @@ def generate(
     distance, index = tree.query(points, 1, np.inf, n_threads)
     d_min, nearest = distance[:, 0], index[:, 0]
     size, radius = rules.n_neighbors[nearest], rules.radius[nearest]
-    spacing = radius * np.sqrt(np.pi / size) / 1.1
+    spacing = radius * np.sqrt(np.pi / size) / RADIUS
     new = (np.abs(residual) > ERROR * rules.tolerance[nearest]) & (d_min > BOUNDARY * spacing)
     width = OVERLAP * d_min[new]  # Eq. (10)
     count = np.rint(size[new] * (2.0 * width / radius[new]) ** 2).astype(np.int64)
@@ -115,9 +114,7 @@ def adjust(rules: RuleBase, points: NDArray[np.float64], n_threads: int) -> Rule
     k = min(NEAREST, len(rules))
     gradient, share = _kernels.consequent_errors(rules.view(n_threads), points, k, n_threads)
     step = RATE * gradient / np.maximum(share, 1e-12)
-    coefficients = rules.coefficients.copy()
-    coefficients[:, 0] += step / rules.radius
-    return replace(rules, coefficients=coefficients)
+    return rules.raised(step)
 
 
 def subtract_noise(rules: RuleBase) -> RuleBase:
@@ -138,6 +135,4 @@ def subtract_noise(rules: RuleBase) -> RuleBase:
     """
     steepest = 1.0 / rules.radius[:, None]  # what is curved more is not resolved by the fit
     mean_curvature = np.clip(rules.curvatures, -steepest, steepest).mean(axis=1)
-    coefficients = rules.coefficients.copy()
-    coefficients[:, 0] -= rules.noise**2 * mean_curvature / rules.radius
-    return replace(rules, coefficients=coefficients)
+    return rules.raised(-(rules.noise**2) * mean_curvature)

@@ -110,8 +110,7 @@ def choose_scale(
     # The first minimum: beyond the size of a thin part wrong normals agree with each other.
     chosen = np.where(rising.any(axis=1), rising.argmax(axis=1), regional.argmin(axis=1))
     row = np.arange(len(pilots))
-    if max_radius is not None:
-        chosen = np.minimum(chosen, np.maximum((info[:, :, 2] <= max_radius).sum(axis=1) - 1, 0))
+    chosen = limit_radius(chosen, info[:, :, 2], max_radius)
     residual = info[:, :, 0][row, chosen]
     low, high = np.maximum(chosen - 1, 0), np.minimum(np.maximum(chosen + 1, 2), len(sizes) - 1)
     noise = noise_level(info[row, low, 0], info[row, high, 0], sizes[low], sizes[high])
@@ -120,6 +119,15 @@ def choose_scale(
     radius = info[row, chosen, 2] / RADIUS
     spacing = radius * np.sqrt(np.pi / sizes[chosen])
     return Scale(pilots, pilot_tree, sizes[chosen], noise, np.median(spacing[region], axis=1))
+
+
+def limit_radius(
+    chosen: NDArray[np.int64], radius: NDArray[np.float64], max_radius: float | None
+) -> NDArray[np.int64]:
+    """Choose smaller neighbourhoods where the chosen ones, (p,) of (p, s), are too wide."""
+    if max_radius is None:
+        return chosen
+    return np.asarray(np.minimum(chosen, np.maximum((radius <= max_radius).sum(axis=1) - 1, 0)))
 
 
 def sizes_to_try(n_points: int, max_neighbors: int | None) -> NDArray[np.int64]:

@@ -105,7 +105,7 @@ def signed_volume(vertices: Points, triangles: Triangles) -> float:
 
 def triangle_areas(vertices: Points, triangles: Triangles) -> NDArray[np.float64]:
     """Return the ``(f,)`` areas, in squared units."""
-    return np.asarray(np.linalg.norm(_area_vectors(vertices, triangles), axis=1))
+    return np.asarray(np.linalg.norm(area_vectors(vertices, triangles), axis=1))
 
 
 def sample_surface(
@@ -130,7 +130,7 @@ def sample_surface(
         Points, and the unit normals of their triangles.
     """
     rng = np.random.default_rng(seed)
-    normals = _area_vectors(vertices, triangles)
+    normals = area_vectors(vertices, triangles)
     areas = np.linalg.norm(normals, axis=1)
     chosen = rng.choice(len(triangles), count, p=areas / areas.sum())
     # The square root makes the density even (Osada et al. 2002, Shape distributions, eq. (1)).
@@ -197,7 +197,7 @@ def _corners(vertices: Points, triangles: Triangles) -> tuple[Points, Points, Po
     return vertices[triangles[:, 0]], vertices[triangles[:, 1]], vertices[triangles[:, 2]]
 
 
-def _area_vectors(vertices: Points, triangles: Triangles) -> NDArray[np.float64]:
+def area_vectors(vertices: Points, triangles: Triangles) -> NDArray[np.float64]:
     """Return vectors along the triangles' normals, as long as their areas."""
     a, b, c = _corners(vertices, triangles)
     return np.asarray(np.cross(b - a, c - a) / 2.0, dtype=np.float64)

@@ -9,6 +9,8 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from .attributes import mesh_normals
+from .metrics import area_vectors
+from .vectors import unit
 
 SHARE = 0.5
 """Part of the way to the middle of its neighbours that a vertex goes."""
@@ -63,9 +65,9 @@ def relax(
     values, support = evaluate(vertices + step)
     back = np.where(support > 0.0, np.clip(values, -reach, reach), 0.0)
     moved = vertices + step - back[:, None] * normals
-    facing = _facing(vertices, triangles)
+    facing = unit(area_vectors(vertices, triangles))
     while True:
-        turned = (facing * _facing(moved, triangles)).sum(axis=1) < TURN
+        turned = (facing * unit(area_vectors(moved, triangles))).sum(axis=1) < TURN
         turned &= (moved[triangles] != vertices[triangles]).any(axis=(1, 2))
         if not turned.any():
             return smooth_closings(moved, triangles, support), support
@@ -106,10 +108,3 @@ def smooth_closings(vertices: Array, triangles: NDArray[np.int32], support: Arra
     for _ in range(ROUNDS):
         result[loose] += weight * (mean @ result - result[loose])
     return result
-
-
-def _facing(vertices: Array, triangles: NDArray[np.int32]) -> Array:
-    """Return the unit normals of triangles."""
-    a, b, c = vertices[triangles].transpose(1, 0, 2)
-    normal = np.cross(b - a, c - a)
-    return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300))

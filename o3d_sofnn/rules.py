@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _kernels
-from .local_fit import Scale
+from .local_fit import RADIUS, Scale
 from .octree import build_octree
+from .vectors import unit
 
 NEAREST = 6
 """Points that give a typical datum its side."""
@@ -89,7 +90,7 @@ class RuleBase:
     @property
     def areas(self) -> NDArray[np.float64]:
         """Area of surface that each rule stands for, (r,)."""
-        return np.asarray(np.pi * (self.radius / 1.1) ** 2 / RULES_PER_NEIGHBORHOOD)
+        return np.asarray(np.pi * (self.radius / RADIUS) ** 2 / RULES_PER_NEIGHBORHOOD)
 
     @property
     def tolerance(self) -> NDArray[np.float64]:
@@ -108,6 +109,12 @@ class RuleBase:
         flip = np.array([-1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
         coefficients = np.where(sign[:, None] < 0, self.coefficients * flip, self.coefficients)
         return replace(self, frames=frames, coefficients=coefficients)
+
+    def raised(self, height: NDArray[np.float64]) -> RuleBase:
+        """Move each consequent along the normal of its frame, (r,) heights."""
+        coefficients = self.coefficients.copy()
+        coefficients[:, 0] += height / self.radius
+        return replace(self, coefficients=coefficients)
 
     def moved(self, scale: float, offset: NDArray[np.float64]) -> RuleBase:
         """Return the rules in coordinates ``scale * x + offset``."""
@@ -212,7 +219,7 @@ def sides_around(
     same = np.maximum(np.einsum("mkd,md->mk", around, facing), 1e-6)
     width = np.maximum(distance[:, 1 % distance.shape[1]], 1e-300)[:, None]
     sides = np.einsum("mk,mkd->md", same * np.exp(-((distance / width) ** 2)), around)
-    return np.asarray(sides / np.maximum(np.linalg.norm(sides, axis=1, keepdims=True), 1e-300))
+    return unit(sides)
 
 
 def divide_by_side(

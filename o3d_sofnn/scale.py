@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._kernels import KdTree
-from .local_fit import REGION, Scale, sizes_to_try
+from .local_fit import REGION, Scale, limit_radius, sizes_to_try
 from .rules import fit_rules, sides_around
 
 HEIGHTS = 4.0
@@ -80,7 +80,6 @@ def refine_scale(
     same = np.einsum("pkd,pd->pk", facing[region], facing) > 0.0
     regional = np.einsum("pk,pks->ps", same, difference[region]) / same.sum(axis=1)[:, None]
     chosen = (regional + 0.25 * difference.mean(axis=0)).argmin(axis=1)
-    if max_radius is not None:
-        chosen = np.minimum(chosen, np.maximum((radius <= max_radius).sum(axis=1) - 1, 0))
+    chosen = limit_radius(chosen, radius, max_radius)
     first = np.searchsorted(sizes, scale.n_neighbors)
     return replace(scale, n_neighbors=sizes[(first + chosen + 1) // 2])

@@ -10,6 +10,7 @@ import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
 from ._kernels import KdTree
+from .metrics import triangle_areas
 
 SAMPLES = 16
 """Fewest samples on a piece of surface that is kept."""
@@ -148,8 +149,7 @@ def _small_holes(
     vertices: Array, triangles: Triangles, open_: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
     """Vertices of unsupported patches that are small beside the supported surface."""
-    a, b, c = vertices[triangles].transpose(1, 0, 2)
-    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    area = triangle_areas(vertices, triangles)
     of_vertex = np.bincount(triangles.ravel(), np.repeat(area / 3.0, 3), len(vertices))
     label = _pieces(triangles[open_[triangles].all(axis=1)], len(vertices))
     patch = np.bincount(label, of_vertex)

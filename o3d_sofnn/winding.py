@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ._kernels import KdTree, WindingTree
 from .octree import build_octree
+from .vectors import unit
 
 CROWD = 3760.0
 """A representative stands for the number of points over this, to the power of 0.9, or for one."""
@@ -188,8 +189,3 @@ def turned_to(
     """
     product = np.einsum("nd,nd->n", normals, viewpoint - points)
     return np.where(product[:, None] < 0, -normals, normals)
-
-
-def unit(x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rows of unit length, zeros stay."""
-    return np.asarray(x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-300))

@@ -94,3 +94,14 @@ def nested_spheres(n: int) -> Shape:
 def _directions(rng: np.random.Generator, n: int) -> NDArray[np.float64]:
     vectors = rng.normal(size=(n, 3))
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+CLOSED = {
+    "sphere": sphere(1000),
+    "torus": torus(1500),
+    "box": box(1500),
+    "nested spheres": nested_spheres(1500),
+    "two objects": two_spheres(1500),
+    "two close objects": two_spheres(3000, 2.4),
+    "thin plate": box(3000, (1.0, 1.0, 0.1)),
+}

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 from shapes import (
+    CLOSED,
     Shape,
     box,
     inside_out,
     join,
-    nested_spheres,
     plane_patch,
     sphere,
     torus,
@@ -46,20 +46,9 @@ def flipped(normals, shape):
     return float(((normals * shape.normals).sum(axis=1) < 0.0).mean())
 
 
-SHAPES = {
-    "sphere": sphere(1000),
-    "torus": torus(1500),
-    "box": box(1500),
-    "nested spheres": nested_spheres(1500),
-    "two objects": two_spheres(1500),
-    "two close objects": two_spheres(3000, 2.4),
-    "thin plate": box(3000, (1.0, 1.0, 0.1)),
-}
-
-
 @pytest.mark.parametrize("name", ["torus", "thin plate"])
 def test_sides_of_points_follow_turned_rules(name):
-    shape = SHAPES[name]
+    shape = CLOSED[name]
     rules = rules_on(shape).facing(shape.normals)
     left = shape.points[:, 0] < 0.0
     side = np.where(left, -1.0, 1.0)[:, None] * shape.normals
@@ -72,11 +61,11 @@ def test_sides_of_points_follow_turned_rules(name):
 
 
 @pytest.mark.parametrize(("noise", "bound"), [(0.0, 0.0), (0.005, 0.0), (0.02, 0.002)])
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("name", CLOSED)
 def test_normals_of_points_face_outwards(name, noise, bound):
     # A plate of 0.1 with a noise of 0.02 has points of one side beyond the middle.
     limit = {0.0: 0.0, 0.005: 0.001, 0.02: 0.02}[noise] if name == "thin plate" else bound
-    shape = SHAPES[name]
+    shape = CLOSED[name]
     normals = estimate_normals(shape.noisy(noise).points, n_threads=1).normals
     assert flipped(normals, shape) <= limit
 
@@ -169,7 +158,7 @@ def test_terrain_faces_up():
 
 
 def test_a_bowl_faces_its_outside_and_closed_surfaces_do_not_warn():
-    for shape in (bowl(3000), *(SHAPES[name] for name in ("sphere", "box", "nested spheres"))):
+    for shape in (bowl(3000), *(CLOSED[name] for name in ("sphere", "box", "nested spheres"))):
         found = estimate_normals(shape.points)
         assert flipped(found.normals, shape) == 0.0
         assert found.warnings == ()

@@ -4,20 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from shapes import Shape, box, nested_spheres, sphere, torus, two_spheres
+from shapes import CLOSED, Shape, box, sphere
 
 from o3d_sofnn.octree import sort_unique
 from o3d_sofnn.winding import orient_points, representatives, winding_number_normals
-
-SHAPES = {
-    "sphere": sphere(1000),
-    "torus": torus(1500),
-    "box": box(1500),
-    "nested spheres": nested_spheres(1500),
-    "two objects": two_spheres(1500),
-    "two close objects": two_spheres(3000, 2.4),
-    "thin plate": box(3000, (1.0, 1.0, 0.1)),
-}
 
 
 def oriented(shape, noise=0.0):
@@ -27,9 +17,9 @@ def oriented(shape, noise=0.0):
     return (np.einsum("nd,nd->n", normals, shape.normals[order]) < 0.0).mean(), normals
 
 
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("name", CLOSED)
 def test_points_are_oriented_without_any_fit(name):
-    wrong, normals = oriented(SHAPES[name])
+    wrong, normals = oriented(CLOSED[name])
     assert wrong == 0.0
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-12)
 
