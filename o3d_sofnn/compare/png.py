@@ -4,15 +4,9 @@ from __future__ import annotations
 
 import struct
 import zlib
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-
-
-def write_png(path: Path, pixels: NDArray[np.uint8]) -> None:
-    """Write (height, width, 4) pixels as a PNG file."""
-    path.write_bytes(encode_png(pixels))
 
 
 def encode_png(pixels: NDArray[np.uint8]) -> bytes:
