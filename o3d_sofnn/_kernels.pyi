@@ -156,6 +156,9 @@ def typical_data(
     Returns centres (sum of `n_clusters`, 3), cell by cell.
     """
 
+class WindingLists:
+    """Places, and what a tree sums there."""
+
 class WindingTree:
     """Tree over sources (n, 3); `area` (n,) is their share in the centres of its nodes.
 
@@ -184,3 +187,21 @@ class WindingTree:
         self, charge: _Floats, x: _Floats, width: _Floats, theta: float, n_threads: int
     ) -> _Floats:
         """Transposed operator of charges (n,) at every row of `x`, (m, 3), up to its sign."""
+
+    def lists(self, x: _Floats, theta: float, n_threads: int) -> WindingLists:
+        """What is summed at every row of `x`, for many sums at the same places."""
+
+    def winding_at(
+        self, mu: _Floats, lists: WindingLists, width: _Floats, n_threads: int
+    ) -> _Floats:
+        """As `winding` at the places of `lists`."""
+
+    def gradient_at(
+        self, mu: _Floats, lists: WindingLists, width: _Floats, n_threads: int
+    ) -> tuple[_Floats, _Floats]:
+        """As `gradient` at the places of `lists`."""
+
+    def adjoint_at(
+        self, charge: _Floats, lists: WindingLists, width: _Floats, n_threads: int
+    ) -> _Floats:
+        """As `adjoint` at the places of `lists`."""

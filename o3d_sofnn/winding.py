@@ -15,14 +15,14 @@ COARSE, FINE = (1.5, 4.0), (0.7, 3.0)
 """Smoothing width at first and at last: so many distances of representatives, or so many standard
 deviations of the noise if that is more. Less of it and the noise decides, more and thin parts
 vanish; many iterations at a small width learn the noise by heart."""
-REGION = 300
+REGION, SAMPLED = 300, 16
 """Representatives whose median says how far apart they are in a region: walls closer together than
-that keep their width, sparse regions get a wider one."""
+that keep their width, sparse regions get a wider one. One representative of so many asks."""
 ITERATIONS = (17, 3)
 """Iterations at the coarse width, and on the way to the fine one."""
 BLUR = 4.5
 """Smoothing width of the gradient at the points, over the noise."""
-OPENING = 0.5
+OPENING = 0.35
 """Opening angle of the tree code: a node is summed at its centre when it looks smaller."""
 
 
@@ -49,8 +49,7 @@ def orient_points(points: NDArray[np.float64], noise: float, n_threads: int) -> 
     """
     x = representatives(points)
     tree = KdTree(x, n_threads)
-    distance, index = tree.query(x, min(REGION, len(x)), np.inf, n_threads)
-    spacing = np.median(np.median(distance[:, 1:5], axis=1)[index], axis=1)
+    spacing = regional_spacing(x, tree, n_threads)
     coarse, fine = (np.maximum(a * spacing, b * noise) for a, b in (COARSE, FINE))
     steady, narrowing = ITERATIONS
     widths = np.concatenate([[coarse] * steady, np.geomspace(coarse, fine, narrowing)])
@@ -83,6 +82,32 @@ def representatives(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.add.reduceat(cells.points, cells.offsets[:-1]) / count[:, None])
 
 
+def regional_spacing(
+    x: NDArray[np.float64], tree: KdTree, n_threads: int
+) -> NDArray[np.float64]:
+    """Find how far apart samples are in their region.
+
+    Parameters
+    ----------
+    x : (m, 3) float64
+        Samples in Morton order.
+    tree : KdTree
+        Over `x`.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    (m,) float64
+        Median over a region of the median distance to the four nearest.
+    """
+    near = np.median(tree.query(x, min(5, len(x)), np.inf, n_threads)[0][:, 1:], axis=1)
+    places = np.ascontiguousarray(x[::SAMPLED])
+    region = tree.query(places, min(REGION, len(x)), np.inf, n_threads)[1]
+    nearest = KdTree(places, n_threads).query(x, 1, np.inf, n_threads)[1][:, 0]
+    return np.asarray(np.median(near[region], axis=1)[nearest])
+
+
 def winding_number_normals(
     x: NDArray[np.float64], widths: NDArray[np.float64], n_threads: int
 ) -> NDArray[np.float64]:
@@ -109,15 +134,16 @@ def winding_number_normals(
     order = np.asarray(WindingTree(x, np.ones(len(x))).order())
     sorted_x = np.ascontiguousarray(x[order])
     tree = WindingTree(sorted_x, np.ones(len(x)))
+    lists = tree.lists(sorted_x, OPENING, n_threads)
     mu = np.zeros_like(sorted_x)
     for width in widths[:, order]:
-        error = 0.5 - np.asarray(tree.winding(mu, sorted_x, width, OPENING, n_threads))
-        descent = -np.asarray(tree.adjoint(error, sorted_x, width, OPENING, n_threads))
-        response = np.asarray(tree.winding(descent, sorted_x, width, OPENING, n_threads))
+        error = 0.5 - np.asarray(tree.winding_at(mu, lists, width, n_threads))
+        descent = -np.asarray(tree.adjoint_at(error, lists, width, n_threads))
+        response = np.asarray(tree.winding_at(descent, lists, width, n_threads))
         scale = float((response**2).sum())
         if scale > 0:
             mu = mu + float((descent**2).sum()) / scale * descent
-        gradient = np.asarray(tree.gradient(mu, sorted_x, width, OPENING, n_threads)[1])
+        gradient = np.asarray(tree.gradient_at(mu, lists, width, n_threads)[1])
         mu = np.linalg.norm(mu, axis=1, keepdims=True) * unit(gradient)
     result = np.empty_like(mu)
     result[order] = mu

@@ -2,166 +2,121 @@
 // Barnes-Hut sums over oriented point samples: winding number, its gradient, and the transposed operator.
 // Barill et al. 2018 (fast winding numbers); Lin et al. 2024 (winding-number normal consistency).
 #pragma once
-#include <cstring>
+#include <cmath>
+#include <limits>
 #include <numeric>
 
 #include "linalg.hpp"
 #include "parallel.hpp"
-#include "simd.hpp"
+#include "winding_sums.hpp"
 
 namespace sofnn {
 
-// d = source - target, r = max(|d|, width):
-//   winding  w = sum mu.d / (4 pi r^3)        gradient  -grad w = sum (mu / r^3 - 3 (mu.d) d / r^5) / (4 pi)
-//   adjoint  F = sum q d / (4 pi r^3) with scalar sources q.
 struct WindingSums {
-  float winding, gradient[3], adjoint[3];
+  float winding, vector[3];
 };
 
 enum class Sum { winding, gradient, adjoint };  // gradient: with the winding number
 
-struct SourceBuffer {
-  std::vector<float> x, y, z, mx, my, mz, q;
-  int64_t size = 0, capacity = 0;
-  void reserve(int64_t n) {
-    if (n <= capacity) return;
-    capacity = std::max<int64_t>(2 * n, 2048);
-    for (auto* a : {&x, &y, &z, &mx, &my, &mz, &q}) a->resize(capacity);
-  }
+// Places in runs of consecutive ones, and for each run what is summed there: it depends on positions alone, and
+// finding it costs more than a sum.
+struct WindingLists {
+  int64_t size = 0;
+  std::vector<Run3> runs;
+  std::vector<std::vector<SourceRange>> ranges;  // of each run
 };
-
-// 1 / sqrt(x) to 5e-6, without the slow division and square root: a guess from the exponent, two Newton steps.
-SOFNN_INLINE float inverse_sqrt(float x) {
-  int32_t bits;
-  std::memcpy(&bits, &x, sizeof bits);
-  bits = 0x5f375a86 - (bits >> 1);
-  float y;
-  std::memcpy(&y, &bits, sizeof y);
-  y *= 1.5f - 0.5f * x * y * y;
-  return y * (1.5f - 0.5f * x * y * y);
-}
-
-constexpr float kInverse4Pi = 0.07957747154594767f;
-
-SOFNN_CLONES inline WindingSums sum_winding(const SourceBuffer& b, float tx, float ty, float tz, float sq_width) {
-  const float *SOFNN_RESTRICT x = b.x.data(), *SOFNN_RESTRICT y = b.y.data(), *SOFNN_RESTRICT z = b.z.data();
-  const float *SOFNN_RESTRICT mx = b.mx.data(), *SOFNN_RESTRICT my = b.my.data(), *SOFNN_RESTRICT mz = b.mz.data();
-  float w = 0;
-  for (int64_t i = 0; i < b.size; ++i) {
-    const float dx = x[i] - tx, dy = y[i] - ty, dz = z[i] - tz;
-    const float inv = inverse_sqrt(std::max(dx * dx + dy * dy + dz * dz, sq_width));
-    w += (mx[i] * dx + my[i] * dy + mz[i] * dz) * (inv * inv * inv);
-  }
-  return {kInverse4Pi * w, {0, 0, 0}, {0, 0, 0}};
-}
-
-SOFNN_CLONES inline WindingSums sum_gradient(const SourceBuffer& b, float tx, float ty, float tz, float sq_width) {
-  const float *SOFNN_RESTRICT x = b.x.data(), *SOFNN_RESTRICT y = b.y.data(), *SOFNN_RESTRICT z = b.z.data();
-  const float *SOFNN_RESTRICT mx = b.mx.data(), *SOFNN_RESTRICT my = b.my.data(), *SOFNN_RESTRICT mz = b.mz.data();
-  float w = 0, gx = 0, gy = 0, gz = 0;
-  for (int64_t i = 0; i < b.size; ++i) {
-    const float dx = x[i] - tx, dy = y[i] - ty, dz = z[i] - tz;
-    const float inv = inverse_sqrt(std::max(dx * dx + dy * dy + dz * dz, sq_width));
-    const float inv2 = inv * inv, inv3 = inv2 * inv;
-    const float md = mx[i] * dx + my[i] * dy + mz[i] * dz;
-    const float c = 3.0f * md * inv2;
-    w += md * inv3;
-    gx += inv3 * (mx[i] - c * dx), gy += inv3 * (my[i] - c * dy), gz += inv3 * (mz[i] - c * dz);
-  }
-  return {kInverse4Pi * w, {kInverse4Pi * gx, kInverse4Pi * gy, kInverse4Pi * gz}, {0, 0, 0}};
-}
-
-SOFNN_CLONES inline WindingSums sum_adjoint(const SourceBuffer& b, float tx, float ty, float tz, float sq_width) {
-  const float *SOFNN_RESTRICT x = b.x.data(), *SOFNN_RESTRICT y = b.y.data(), *SOFNN_RESTRICT z = b.z.data();
-  const float* SOFNN_RESTRICT q = b.q.data();
-  float ax = 0, ay = 0, az = 0;
-  for (int64_t i = 0; i < b.size; ++i) {
-    const float dx = x[i] - tx, dy = y[i] - ty, dz = z[i] - tz;
-    const float inv = inverse_sqrt(std::max(dx * dx + dy * dy + dz * dz, sq_width));
-    const float s = q[i] * (inv * inv * inv);
-    ax += s * dx, ay += s * dy, az += s * dz;
-  }
-  return {0, {0, 0, 0}, {kInverse4Pi * ax, kInverse4Pi * ay, kInverse4Pi * az}};
-}
 
 class WindingTree {
  public:
-  // points (n, 3), weight: share of a point in its node's centre (areas).
-  WindingTree(const double* points, const double* area, int64_t n) : n_(n), index_(n) {
-    while ((n_ >> depth_) > kLeaf) ++depth_;
+  // points (n, 3), area: share of a point in its node's centre.
+  WindingTree(const double* points, const double* area, int64_t n) : n_(n), blocks_((n + kRun - 1) / kRun), index_(n) {
+    while ((int64_t{1} << depth_) < blocks_) ++depth_;
+    nodes_ = (int64_t{2} << depth_) - 1;
     std::iota(index_.begin(), index_.end(), int64_t{0});
-    origin_ = {0, 0, 0};
     for (int64_t i = 0; i < n; ++i) origin_ = origin_ + (1.0 / static_cast<double>(n)) * load(points + 3 * i);
     for (int level = 0; level < depth_; ++level)
       for (int64_t i = 0; i < (int64_t{1} << level); ++i) split(points, level, i);
-    x_.resize(n), y_.resize(n), z_.resize(n), area_.resize(n);
+    place_.resize(3 * (nodes_ + n)), radius_.resize(nodes_);
+    std::vector<double> weight(n);
     for (int64_t i = 0; i < n; ++i) {
-      const Vec3 p = load(points + 3 * index_[i]) - origin_;
-      x_[i] = static_cast<float>(p.x), y_[i] = static_cast<float>(p.y), z_[i] = static_cast<float>(p.z);
-      area_[i] = std::max(static_cast<float>(area[index_[i]]), 1e-30f);
+      set_place(nodes_ + i, load(points + 3 * index_[i]) - origin_);
+      weight[i] = std::max(area[index_[i]], 1e-30);
     }
-    const int64_t nodes = (int64_t{2} << depth_) - 1;
-    nx_.resize(nodes), ny_.resize(nodes), nz_.resize(nodes), radius_.resize(nodes);
     for (int level = 0; level <= depth_; ++level)
       for (int64_t i = 0; i < (int64_t{1} << level); ++i) {
-        const int64_t node = (int64_t{1} << level) - 1 + i;
-        double c[4] = {0, 0, 0, 0};
-        for (int64_t j = bound(i, level); j < bound(i + 1, level); ++j)
-          c[0] += area_[j] * x_[j], c[1] += area_[j] * y_[j], c[2] += area_[j] * z_[j], c[3] += area_[j];
-        nx_[node] = static_cast<float>(c[0] / c[3]), ny_[node] = static_cast<float>(c[1] / c[3]);
-        nz_[node] = static_cast<float>(c[2] / c[3]);
-        float r = 0;
-        for (int64_t j = bound(i, level); j < bound(i + 1, level); ++j) {
-          const float a = x_[j] - nx_[node], b = y_[j] - ny_[node], e = z_[j] - nz_[node];
-          r = std::max(r, a * a + b * b + e * e);
+        const int64_t node = (int64_t{1} << level) - 1 + i, lo = bound(i, level), hi = bound(i + 1, level);
+        Vec3 center{0, 0, 0};
+        double sum = 1e-300, sq_radius = 0;
+        for (int64_t j = lo; j < hi; ++j) center = center + weight[j] * place(nodes_ + j), sum += weight[j];
+        set_place(node, (1 / sum) * center);
+        for (int64_t j = lo; j < hi; ++j) {
+          const Vec3 d = place(nodes_ + j) - place(node);
+          sq_radius = std::max(sq_radius, dot(d, d));
         }
-        radius_[node] = std::sqrt(r);
+        // An empty leaf is always opened, and nothing is found in it.
+        radius_[node] = lo < hi ? static_cast<float>(std::sqrt(sq_radius)) : std::numeric_limits<float>::infinity();
       }
   }
 
   int64_t size() const { return n_; }
 
-  // source: mu (n, 3), or for the adjoint the charge (n); width (m); out (m).
-  void evaluate(Sum what, const double* source, const double* targets, const double* width, int64_t m, double theta,
-                int threads, WindingSums* out) const {
-    const int64_t nodes = (int64_t{2} << depth_) - 1;
-    const int columns = what == Sum::adjoint ? 1 : 3;
-    std::vector<float> s[3], a[3];
-    for (int d = 0; d < columns; ++d) {
-      s[d].resize(n_), a[d].resize(nodes);
-      for (int64_t i = 0; i < n_; ++i) s[d][i] = static_cast<float>(source[columns * index_[i] + d]);
-    }
-    const int64_t first_leaf = (int64_t{1} << depth_) - 1;
-    for (int64_t node = nodes - 1; node >= 0; --node)
-      for (int d = 0; d < columns; ++d) {
-        float sum = 0;
-        if (node >= first_leaf)
-          for (int64_t j = bound(node - first_leaf, depth_); j < bound(node - first_leaf + 1, depth_); ++j)
-            sum += s[d][j];
-        else
-          sum = a[d][2 * node + 1] + a[d][2 * node + 2];
-        a[d][node] = sum;
+  // Order in which consecutive points lie close together.
+  const std::vector<int64_t>& order() const { return index_; }
+
+  // What is summed at m places; a node that looks smaller than theta from a whole run is summed at its centre.
+  WindingLists lists(const double* places, int64_t m, double theta, int threads) const {
+    WindingLists lists;
+    lists.size = m, lists.runs.resize((m + kRun - 1) / kRun), lists.ranges.resize(lists.runs.size());
+    parallel_for(static_cast<int64_t>(lists.runs.size()), kRuns, threads, [&](int64_t first, int64_t last) {
+      for (int64_t r = first; r < last; ++r) {
+        lists.runs[r] = load_run(places, kRun * r, m);
+        walk(lists.runs[r], static_cast<float>(1 / theta), lists.ranges[r]);
       }
-    parallel_for((m + kGroup - 1) / kGroup, kGroups, threads, [&](int64_t first, int64_t last) {
-      SourceBuffer b;
-      for (int64_t group = first; group < last; ++group)
-        evaluate_group(what, s, a, targets, width, kGroup * group, std::min(m, kGroup * (group + 1)), theta, b, out);
+    });
+    return lists;
+  }
+
+  // source: mu (n, 3), or for the adjoint the charge (n); width (m), out (m) at the places of the lists.
+  void evaluate(Sum what, const double* source, const WindingLists& lists, const double* width, int threads,
+                WindingSums* out) const {
+    const std::vector<float> moments = sum_moments(source, what == Sum::adjoint ? 1 : 3);
+    parallel_for(static_cast<int64_t>(lists.runs.size()), kRuns, threads, [&](int64_t first, int64_t last) {
+      for (int64_t r = first; r < last; ++r)
+        evaluate_run(what, moments, lists.runs[r], lists.ranges[r], kRun * r, lists.size, width, out);
     });
   }
 
-  // Order in which consecutive targets lie close together.
-  const std::vector<int64_t>& order() const { return index_; }
+  // The same at places that are asked for once: lists are not kept.
+  void evaluate(Sum what, const double* source, const double* places, const double* width, int64_t m, double theta,
+                int threads, WindingSums* out) const {
+    const std::vector<float> moments = sum_moments(source, what == Sum::adjoint ? 1 : 3);
+    parallel_for((m + kRun - 1) / kRun, kRuns, threads, [&](int64_t first, int64_t last) {
+      std::vector<SourceRange> ranges;
+      for (int64_t r = first; r < last; ++r) {
+        const Run3 run = load_run(places, kRun * r, m);
+        ranges.clear();
+        walk(run, static_cast<float>(1 / theta), ranges);
+        evaluate_run(what, moments, run, ranges, kRun * r, m, width, out);
+      }
+    });
+  }
 
  private:
-  static constexpr int64_t kLeaf = 16, kGroup = 16, kGroups = 16;
-  int64_t n_;
+  static constexpr int64_t kRuns = 16;  // handed to a thread at once
+  // A leaf is a block of kRun points or empty: own points in order() are places whose runs are leaves.
+  int64_t n_, blocks_, nodes_ = 0;
   int depth_ = 0;
-  Vec3 origin_;
+  Vec3 origin_{0, 0, 0};
   std::vector<int64_t> index_;
-  std::vector<float> x_, y_, z_, area_, nx_, ny_, nz_, radius_;
+  std::vector<float> place_, radius_;  // places: nodes first, level by level, then points
 
-  int64_t bound(int64_t i, int level) const {
-    return static_cast<int64_t>((static_cast<__int128>(i) * n_) >> level);
+  int64_t bound(int64_t i, int level) const { return std::min(n_, kRun * ((i * blocks_) >> level)); }
+
+  Vec3 place(int64_t i) const { return {place_[3 * i], place_[3 * i + 1], place_[3 * i + 2]}; }
+
+  void set_place(int64_t i, const Vec3& p) {
+    place_[3 * i] = static_cast<float>(p.x), place_[3 * i + 1] = static_cast<float>(p.y);
+    place_[3 * i + 2] = static_cast<float>(p.z);
   }
 
   void split(const double* p, int level, int64_t i) {
@@ -179,64 +134,79 @@ class WindingTree {
     });
   }
 
-  // Targets lo to hi share the nodes that are summed at their centres.
-  void evaluate_group(Sum what, const std::vector<float>* s, const std::vector<float>* a, const double* targets,
-                      const double* width, int64_t lo, int64_t hi, double theta, SourceBuffer& b,
-                      WindingSums* out) const {
-    const int64_t count = hi - lo;
-    float t[3 * kGroup], c[3] = {0, 0, 0}, radius = 0;
-    for (int64_t i = 0; i < count; ++i) {
-      const Vec3 p = load(targets + 3 * (lo + i)) - origin_;
-      t[3 * i] = static_cast<float>(p.x), t[3 * i + 1] = static_cast<float>(p.y), t[3 * i + 2] = static_cast<float>(p.z);
-      for (int d = 0; d < 3; ++d) c[d] += t[3 * i + d] / static_cast<float>(count);
-    }
-    for (int64_t i = 0; i < count; ++i) {
-      const float x = t[3 * i] - c[0], y = t[3 * i + 1] - c[1], z = t[3 * i + 2] - c[2];
-      radius = std::max(radius, x * x + y * y + z * z);
-    }
-    gather(what, c, std::sqrt(radius), static_cast<float>(1 / theta), s, a, b);
-    for (int64_t i = 0; i < count; ++i) {
-      const float w = static_cast<float>(width[lo + i]), sq = std::max(w * w, 1e-30f);
-      const float x = t[3 * i], y = t[3 * i + 1], z = t[3 * i + 2];
-      out[lo + i] = what == Sum::winding    ? sum_winding(b, x, y, z, sq)
-                    : what == Sum::gradient ? sum_gradient(b, x, y, z, sq)
-                                            : sum_adjoint(b, x, y, z, sq);
-    }
+  // Sources in the order of the tree and their sums over nodes.
+  std::vector<float> sum_moments(const double* source, int columns) const {
+    std::vector<float> sums(columns * (nodes_ + n_), 0.0f);
+    for (int64_t i = 0; i < n_; ++i)
+      for (int d = 0; d < columns; ++d)
+        sums[columns * (nodes_ + i) + d] = static_cast<float>(source[columns * index_[i] + d]);
+    const int64_t first_leaf = nodes_ / 2;
+    for (int64_t leaf = 0; leaf <= first_leaf; ++leaf)
+      for (int64_t j = bound(leaf, depth_); j < bound(leaf + 1, depth_); ++j)
+        for (int d = 0; d < columns; ++d) sums[columns * (first_leaf + leaf) + d] += sums[columns * (nodes_ + j) + d];
+    for (int64_t node = first_leaf - 1; node >= 0; --node)
+      for (int d = 0; d < columns; ++d)
+        sums[columns * node + d] = sums[columns * (2 * node + 1) + d] + sums[columns * (2 * node + 2) + d];
+    return sums;
   }
 
-  void gather(Sum what, const float* c, float radius, float inv_theta, const std::vector<float>* s,
-              const std::vector<float>* a, SourceBuffer& b) const {
-    int64_t stack[64 * 2], top = 1;
-    int level_stack[64 * 2];
-    stack[0] = 0, level_stack[0] = 0;
-    b.size = 0;
+  // Places first to first + kRun of m, the last one repeated.
+  Run3 load_run(const double* places, int64_t first, int64_t m) const {
+    Run3 run;
+    for (int64_t l = 0; l < kRun; ++l) {
+      const Vec3 p = load(places + 3 * std::min(first + l, m - 1)) - origin_;
+      run.x.v[l] = static_cast<float>(p.x), run.y.v[l] = static_cast<float>(p.y), run.z.v[l] = static_cast<float>(p.z);
+    }
+    return run;
+  }
+
+  void walk(const Run3& run, float inverse_theta, std::vector<SourceRange>& ranges) const {
+    float c[3] = {0, 0, 0}, radius = 0;
+    for (int l = 0; l < kRun; ++l) c[0] += run.x.v[l] / kRun, c[1] += run.y.v[l] / kRun, c[2] += run.z.v[l] / kRun;
+    for (int l = 0; l < kRun; ++l) {
+      const float dx = run.x.v[l] - c[0], dy = run.y.v[l] - c[1], dz = run.z.v[l] - c[2];
+      radius = std::max(radius, dx * dx + dy * dy + dz * dz);
+    }
+    radius = std::sqrt(radius);
+    const auto add = [&](int64_t first, int64_t last) {
+      if (first == last) return;
+      if (!ranges.empty() && ranges.back().last == first)
+        ranges.back().last = static_cast<int32_t>(last);
+      else
+        ranges.push_back({static_cast<int32_t>(first), static_cast<int32_t>(last)});
+    };
+    const int64_t first_leaf = nodes_ / 2;
+    int64_t stack[2 * 64], top = 1;
+    stack[0] = 0;
     while (top > 0) {
-      --top;
-      const int64_t node = stack[top];
-      const int level = level_stack[top];
-      const float dx = nx_[node] - c[0], dy = ny_[node] - c[1], dz = nz_[node] - c[2];
-      const float reach = radius + radius_[node] * inv_theta;
-      if (dx * dx + dy * dy + dz * dz > reach * reach) {
-        b.reserve(b.size + 1);
-        put(what, b, nx_[node], ny_[node], nz_[node], a, node);
-      } else if (level == depth_) {
-        const int64_t i = node - ((int64_t{1} << depth_) - 1);
-        b.reserve(b.size + bound(i + 1, level) - bound(i, level));
-        for (int64_t j = bound(i, level); j < bound(i + 1, level); ++j) put(what, b, x_[j], y_[j], z_[j], s, j);
-      } else {
-        stack[top] = 2 * node + 2, level_stack[top++] = level + 1;
-        stack[top] = 2 * node + 1, level_stack[top++] = level + 1;
-      }
+      const int64_t node = stack[--top];
+      const float dx = place_[3 * node] - c[0], dy = place_[3 * node + 1] - c[1], dz = place_[3 * node + 2] - c[2];
+      const float reach = radius + radius_[node] * inverse_theta;
+      if (dx * dx + dy * dy + dz * dz > reach * reach)
+        add(node, node + 1);
+      else if (node < first_leaf)
+        stack[top++] = 2 * node + 2, stack[top++] = 2 * node + 1;
+      else
+        add(nodes_ + bound(node - first_leaf, depth_), nodes_ + bound(node - first_leaf + 1, depth_));
     }
   }
 
-  static void put(Sum what, SourceBuffer& b, float x, float y, float z, const std::vector<float>* s, int64_t j) {
-    const int64_t i = b.size++;
-    b.x[i] = x, b.y[i] = y, b.z[i] = z;
-    if (what == Sum::adjoint)
-      b.q[i] = s[0][j];
-    else
-      b.mx[i] = s[0][j], b.my[i] = s[1][j], b.mz[i] = s[2][j];
+  void evaluate_run(Sum what, const std::vector<float>& moments, const Run3& run,
+                    const std::vector<SourceRange>& ranges, int64_t first, int64_t m, const double* width,
+                    WindingSums* out) const {
+    constexpr float kInverse4Pi = 0.07957747154594767f;
+    RunValues sq_width;
+    for (int64_t l = 0; l < kRun; ++l) {
+      const float w = static_cast<float>(width[std::min(first + l, m - 1)]);
+      sq_width.v[l] = std::max(w * w, 1e-30f);
+    }
+    RunSums sums{};
+    const auto sum = what == Sum::winding ? sum_winding : what == Sum::gradient ? sum_gradient : sum_adjoint;
+    sum(place_.data(), moments.data(), ranges.data(), static_cast<int64_t>(ranges.size()), run, sq_width, sums);
+    for (int64_t l = 0; l < std::min<int64_t>(kRun, m - first); ++l)
+      out[first + l] = {kInverse4Pi * sums.winding.v[l],
+                        {kInverse4Pi * sums.vector.x.v[l], kInverse4Pi * sums.vector.y.v[l],
+                         kInverse4Pi * sums.vector.z.v[l]}};
   }
 };
 
