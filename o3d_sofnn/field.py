@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from . import _kernels
 from .rlps import LocalSurfaces
 from .rules import RuleBase
-from .winding import OPENING, cell_areas
+from .winding import OPENING, neighborhood_areas
 
 REACH = (0.75, 1.5)
 """Distance from the data, over the spacing, up to which the local implicits speak alone, and from
@@ -22,6 +22,10 @@ WIDTH = 0.75
 """Smoothing width of the winding number, over the spacing."""
 NEAREST = 16
 """Rules that take part in the blend at one place."""
+PLACES = 50_000
+"""Samples that say enough about the mean winding number of all."""
+ALIKE = 8
+"""Most consecutive samples that share one area."""
 
 
 class Field:
@@ -34,7 +38,7 @@ class Field:
     surfaces : LocalSurfaces
         Their local implicits.
     samples : (n, 3) float64
-        Points moved onto the surface.
+        Points moved onto the surface, in Morton order.
     normals : (n, 3) float64
         Their normals.
     spacing : (n,) float64
@@ -58,11 +62,20 @@ class Field:
         self._spacing = spacing
         self.n_threads = n_threads
         self._view = rules.view(n_threads)
-        weight = cell_areas(samples, n_threads)
+        weight = self._areas(samples)
         self._dipoles = weight[:, None] * normals
         self._far_tree = _kernels.WindingTree(samples, weight)
         # As in Poisson reconstruction the level is the mean over the samples: 1/2 on closed data.
-        self.level = float(np.average(self.winding_number(samples, spacing), weights=weight))
+        some = slice(None, None, 1 + len(samples) // PLACES)
+        on_samples = self.winding_number(np.ascontiguousarray(samples[some]), spacing[some])
+        self.level = float(np.average(on_samples, weights=weight[some]))
+
+    def _areas(self, samples: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Area of surface around each sample, the same for a few consecutive ones of many."""
+        few = min(1 + len(samples) // PLACES, ALIKE)
+        places = np.ascontiguousarray(samples[few // 2 :: few])
+        areas = neighborhood_areas(places, self._samples, self.n_threads)
+        return np.repeat(areas, few)[np.minimum(np.arange(len(samples)), few * len(areas) - 1)]
 
     def winding_number(
         self, x: NDArray[np.float64], spacing: NDArray[np.float64]

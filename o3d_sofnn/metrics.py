@@ -179,8 +179,13 @@ def _half_edges(triangles: Triangles) -> NDArray[np.int64]:
 
 def _edges(triangles: Triangles) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the undirected edges, each once, and how many triangles have them."""
-    edges, counts = np.unique(np.sort(_half_edges(triangles), axis=1), axis=0, return_counts=True)
-    return edges, counts
+    start, stop = _half_edges(triangles).T
+    # One number an edge: sorting these is many times as fast as sorting rows.
+    n = int(max(start.max(initial=-1), 0)) + 1
+    keys, counts = np.unique(
+        np.minimum(start, stop) * n + np.maximum(start, stop), return_counts=True
+    )
+    return np.stack(np.divmod(keys, n), axis=1), counts
 
 
 def _count_components(

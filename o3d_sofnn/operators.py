@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator
 from typing import Any, Literal
 
 import numpy as np
@@ -16,6 +17,7 @@ import scipy.sparse
 from numpy.typing import ArrayLike, NDArray
 
 from o3d_sofnn import adapters, pipeline, validation
+from o3d_sofnn.attributes import carry
 from o3d_sofnn.pipeline import NormalEstimate, SurfaceEstimate
 from o3d_sofnn.progress import ProgressBar, ProgressCallback
 
@@ -198,7 +200,7 @@ def reconstruct_surface(
         details.vertices,
         details.triangles,
         details.vertex_normals,
-        _carry(details.source_weights, cloud.attributes),
+        carry(details, cloud.attributes),
     )
     return (mesh, details) if return_details else mesh
 
@@ -266,40 +268,20 @@ def _scatter_normals(estimate: NormalEstimate, finite: NDArray[np.bool_]) -> Nor
 
 
 def _scatter_surface(estimate: SurfaceEstimate, finite: NDArray[np.bool_]) -> SurfaceEstimate:
-    weights = estimate.source_weights
     if finite.all():
         return estimate
-    if weights is not None:
-        weights = scipy.sparse.csr_matrix(
-            (weights.data, np.flatnonzero(finite)[weights.indices], weights.indptr),
-            shape=(weights.shape[0], len(finite)),
-        )
     return dataclasses.replace(
-        estimate, normals=_scatter_normals(estimate.normals, finite), source_weights=weights
+        estimate,
+        normals=_scatter_normals(estimate.normals, finite),
+        weigh=functools.partial(_scatter_weights, estimate.weigh, finite),
     )
 
 
-def _carry(
-    weights: scipy.sparse.csr_matrix | None, attributes: Mapping[str, NDArray[Any]]
-) -> dict[str, NDArray[Any]]:
-    """Bring values per point to the vertices, in their number type."""
-    if weights is None or not attributes:
-        return {}
-    carried = {}
-    for name, values in attributes.items():
-        if values.dtype.kind == "f" or name == "colors":
-            flat = values.reshape(len(values), -1).astype(np.float64)
-            blended = (weights @ flat).reshape(-1, *values.shape[1:])
-            # Rounding may leave the range of the blended values, 1 for full intensity.
-            blended = blended.clip(np.fmin.reduce(values), np.fmax.reduce(values))
-            if values.dtype.kind != "f":
-                blended = np.rint(blended)
-            carried[name] = blended.astype(values.dtype)
-        else:
-            carried[name] = values[_heaviest(weights)]
-    return carried
-
-
-def _heaviest(weights: scipy.sparse.csr_matrix) -> NDArray[np.intp]:
-    """Return for every row the column with the largest weight."""
-    return np.asarray(weights.argmax(axis=1)).ravel()
+def _scatter_weights(
+    weigh: Callable[[], scipy.sparse.csr_matrix], finite: NDArray[np.bool_]
+) -> scipy.sparse.csr_matrix:
+    weights = weigh()
+    return scipy.sparse.csr_matrix(
+        (weights.data, np.flatnonzero(finite)[weights.indices], weights.indptr),
+        shape=(weights.shape[0], len(finite)),
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -91,7 +92,7 @@ def estimate_normals(
     threads = thread_count(n_threads)
     clock = Clock(progress)
     learned = _learn(points, None, max_nn, radius, viewpoint, towards, threads, clock)
-    estimate = _infer(learned, threads, clock)
+    estimate = _infer(learned, threads, clock)[0]
     if viewpoint is not None:
         estimate = replace(estimate, normals=turned_to(viewpoint, points, estimate.normals))
     clock.finish()
@@ -151,12 +152,12 @@ def reconstruct_surface(
     if trim is None and affine_rank(points) < 3:
         raise ValueError("points lie in one plane and enclose nothing: give trim to get a sheet")
     learned = _learn(points, normals, max_nn, radius, None, None, threads, clock)
-    estimate = _infer(learned, threads, clock)
+    estimate, facing, residual = _infer(learned, threads, clock)
     rules = learned.rules
 
     with clock.stage("local surfaces"):
         inliers = np.ascontiguousarray(learned.points[learned.inliers])
-        facing, _, residual = infer_normals(rules, inliers, threads, sides=learned.sides)
+        facing, residual = facing[learned.inliers], residual[learned.inliers]
         limit = None if precision is None else precision / learned.extent
         rules, surfaces = local_surfaces(rules, inliers, facing, learned.tree, threads, limit)
     with clock.stage("field"):
@@ -194,15 +195,13 @@ def reconstruct_surface(
         vertex_normals = mesh_normals(vertices, triangles)
         near = np.flatnonzero(confidence > 0.0)
         vertex_normals[near] = infer_normals(rules, vertices[near], threads)[0]
-        scaled = (points - learned.middle) / learned.extent
-        weights = attribute_weights(vertices, scaled, size, threads)
     clock.finish()
     return SurfaceEstimate(
         vertices=vertices * learned.extent + learned.middle,
         triangles=triangles,
         vertex_normals=vertex_normals,
         confidence=confidence,
-        source_weights=weights,
+        weigh=partial(attribute_weights, vertices, learned.points, learned.inverse, size, threads),
         normals=estimate,
         offset_points=surfaces.offset_points,
         voxel_size=voxel_size or size * learned.extent,
@@ -283,18 +282,21 @@ def _learn(
     return _Learned(x, inverse, tree, scale, inliers, sides, rules, middle, extent, warnings)
 
 
-def _infer(learned: _Learned, threads: int, clock: Clock) -> NormalEstimate:
-    """Stage 6: a normal at every point, outliers and duplicates included."""
+def _infer(learned: _Learned, threads: int, clock: Clock) -> tuple[NormalEstimate, Array, Array]:
+    """Stage 6: a normal at every point, outliers and duplicates included.
+
+    Beside the estimate, normals and residuals of the distinct points.
+    """
     with clock.stage("inference"):
         rules = learned.rules
         sides = np.zeros_like(learned.points)
         sides[learned.inliers] = learned.sides
-        normals, agreement, _ = infer_normals(rules, learned.points, threads, sides=sides)
+        normals, agreement, residual = infer_normals(rules, learned.points, threads, sides=sides)
         nearest = KdTree(rules.feet, threads).query(learned.points, 1, np.inf, threads)[1][:, 0]
         confidence = agreement * rules.confidence[nearest]
         noise = rules.noise[nearest]
     back = learned.inverse
-    return NormalEstimate(
+    estimate = NormalEstimate(
         normals=normals[back],
         confidence=confidence[back],
         outliers=~learned.inliers[back],
@@ -305,3 +307,4 @@ def _infer(learned: _Learned, threads: int, clock: Clock) -> NormalEstimate:
         rules=rules.moved(learned.extent, learned.middle),
         warnings=learned.warnings,
     )
+    return estimate, normals, residual

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse
@@ -62,8 +64,8 @@ class SurfaceEstimate:
         Unit.
     confidence : (m,) float64
         1 where the data supports the surface, 0 where it only closes a hole.
-    source_weights : scipy.sparse.csr_matrix, (m, n)
-        Rows sum to one: ``source_weights @ colors`` carries any attribute of the points over.
+    weigh : callable
+        Computes `source_weights`.
     normals : NormalEstimate
         Of the points.
     offset_points : int
@@ -80,9 +82,17 @@ class SurfaceEstimate:
     triangles: NDArray[np.int32]
     vertex_normals: NDArray[np.float64]
     confidence: NDArray[np.float64]
-    source_weights: scipy.sparse.csr_matrix
+    weigh: Callable[[], scipy.sparse.csr_matrix]
     normals: NormalEstimate
     offset_points: int
     voxel_size: float
     seconds: dict[str, float]
     watertight: bool
+
+    @cached_property
+    def source_weights(self) -> scipy.sparse.csr_matrix:
+        """Sparse (m, n), computed when first asked for; rows sum to one.
+
+        ``source_weights @ colors`` carries any attribute of the points over to the vertices.
+        """
+        return self.weigh()

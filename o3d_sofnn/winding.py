@@ -151,22 +151,31 @@ def winding_number_normals(
 
 
 def cell_areas(x: NDArray[np.float64], n_threads: int) -> NDArray[np.float64]:
-    """Area of surface around each sample, from the distance of its neighbours.
+    """Area of surface around each sample, (n,), from the distance of its neighbours."""
+    return neighborhood_areas(x, KdTree(x, n_threads), n_threads)
+
+
+def neighborhood_areas(
+    places: NDArray[np.float64], tree: KdTree, n_threads: int
+) -> NDArray[np.float64]:
+    """Area of surface that one sample covers, at some of them.
 
     Parameters
     ----------
-    x : (n, 3) float64
+    places : (m, 3) float64
         Samples.
+    tree : KdTree
+        Over all samples.
     n_threads : int
         Threads.
 
     Returns
     -------
-    (n,) float64
+    (m,) float64
         ``pi r_k^2 / k`` with the k nearest.
     """
-    k = min(9, len(x))
-    distance, _ = KdTree(x, n_threads).query(x, k, np.inf, n_threads)
+    k = min(9, tree.size)
+    distance, _ = tree.query(places, k, np.inf, n_threads)
     return np.asarray(np.pi * distance[:, -1] ** 2 / max(k - 0.5, 1.0))
 
 
