@@ -189,19 +189,19 @@ class WindingTree:
         """Transposed operator of charges (n,) at every row of `x`, (m, 3), up to its sign."""
 
     def lists(self, x: _Floats, theta: float, n_threads: int) -> WindingLists:
-        """What is summed at every row of `x`, for many sums at the same places."""
+        """Find what is summed at every row of `x`, for many sums at the same places."""
 
     def winding_at(
         self, mu: _Floats, lists: WindingLists, width: _Floats, n_threads: int
     ) -> _Floats:
-        """As `winding` at the places of `lists`."""
+        """Sum as `winding` at the places of `lists`."""
 
     def gradient_at(
         self, mu: _Floats, lists: WindingLists, width: _Floats, n_threads: int
     ) -> tuple[_Floats, _Floats]:
-        """As `gradient` at the places of `lists`."""
+        """Sum as `gradient` at the places of `lists`."""
 
     def adjoint_at(
         self, charge: _Floats, lists: WindingLists, width: _Floats, n_threads: int
     ) -> _Floats:
-        """As `adjoint` at the places of `lists`."""
+        """Sum as `adjoint` at the places of `lists`."""

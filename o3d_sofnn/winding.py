@@ -82,9 +82,7 @@ def representatives(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.add.reduceat(cells.points, cells.offsets[:-1]) / count[:, None])
 
 
-def regional_spacing(
-    x: NDArray[np.float64], tree: KdTree, n_threads: int
-) -> NDArray[np.float64]:
+def regional_spacing(x: NDArray[np.float64], tree: KdTree, n_threads: int) -> NDArray[np.float64]:
     """Find how far apart samples are in their region.
 
     Parameters
