@@ -159,6 +159,41 @@ def typical_data(
 class WindingLists:
     """Places, and what a tree sums there."""
 
+def marching_cubes(
+    values: _Floats,
+    nodes: _Floats,
+    cubes: _Ints,
+    triangles: _Ints,
+    members: _Ints,
+    ends: _Ints,
+    nudge: float,
+) -> tuple[_Floats, NDArray[np.int32]]:
+    """Triangulate the zero set of `values` (m,) at `nodes` (m, 3) on `cubes` (c, 8).
+
+    Tables as :func:`o3d_sofnn.marching_cubes.both_tables` gives them. Returns vertices (v, 3) and
+    outward triangles (t, 3).
+    """
+
+def vertex_normals(vertices: _Floats, triangles: NDArray[np.int32]) -> _Floats:
+    """Average the normals of the triangles by their area; unit vertex normals (m, 3)."""
+
+def surroundings(
+    vertices: _Floats, triangles: NDArray[np.int32]
+) -> tuple[_Floats, _Floats, _Floats]:
+    """Look at the neighbours of every vertex of a closed mesh.
+
+    Returns unit normals (m, 3), the way to the middle of the neighbours within the tangent plane
+    (m, 3), and the mean length of the edges (m,).
+    """
+
+def undo_turns(
+    before: _Floats, after: _Floats, triangles: NDArray[np.int32], cosine: float
+) -> _Floats:
+    """Move `after` (m, 3) back to `before` until no triangle turns by more than `cosine`."""
+
+def label_pieces(triangles: NDArray[np.int32], n_vertices: int) -> _Ints:
+    """Number the connected pieces of vertices (m,), in the order of their first ones."""
+
 class WindingTree:
     """Tree over sources (n, 3); `area` (n,) is their share in the centres of its nodes.
 

@@ -1,4 +1,4 @@
-"""What the mesh carries: vertex normals, and weights that bring attributes of points to it."""
+"""What the mesh carries: weights that bring attributes of points to it."""
 
 from __future__ import annotations
 
@@ -10,22 +10,9 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from ._kernels import KdTree
-from .metrics import area_vectors
 
 if TYPE_CHECKING:
     from .results import SurfaceEstimate
-
-
-def mesh_normals(
-    vertices: NDArray[np.float64], triangles: NDArray[np.int32]
-) -> NDArray[np.float64]:
-    """Average the normals of the triangles by their area; unit vertex normals, (m, 3)."""
-    facing = area_vectors(vertices, triangles)
-    total = np.stack(
-        [np.bincount(triangles.ravel(), np.repeat(f, 3), len(vertices)) for f in facing.T], axis=1
-    )
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    return np.where(length > 0, total / np.maximum(length, 1e-300), [0.0, 0.0, 1.0])
 
 
 def attribute_weights(

@@ -13,6 +13,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from . import _kernels
+
 CORNERS = np.array([(c & 1, c >> 1 & 1, c >> 2 & 1) for c in range(8)], np.int64)
 """Corner ``c`` of the unit cube: bit 0 is x, bit 1 is y, bit 2 is z."""
 EDGES = [(c, axis) for axis in range(3) for c in range(8) if not c >> axis & 1]
@@ -129,54 +131,22 @@ def marching_cubes(
     Returns
     -------
     vertices : (v, 3) float64
-        One on every edge with a change of sign, by linear interpolation.
+        One on every edge with a change of sign, by linear interpolation, in the order in which the
+        cubes need them.
     triangles : (t, 3) int32
-        Outward.
+        Outward, cube by cube.
     """
-    inside = values < 0
-    case = inside[cubes] @ (1 << np.arange(8))
-    crossed = (case > 0) & (case < 255)
-    cubes, case = cubes[crossed], case[crossed]
-    ends = cubes[:, EDGE_ENDS]
-    coincide = (ends[:, :, 0] == ends[:, :, 1]).any(axis=1)
-
-    # An edge is named by its nodes, the lower one first, and a middle by its cube and number.
-    edge_key = ends.min(axis=2) * len(values) + ends.max(axis=2)
-    middle_key = len(values) ** 2 + 4 * np.arange(len(cubes))[:, None] + np.arange(4)
-    key = np.concatenate([edge_key, middle_key], axis=1)
-    keys = []
-    for fan in (False, True):
-        which = np.flatnonzero(coincide == fan)
-        local = triangle_table(fan)[0][case[which]]
-        cube, slot = np.nonzero(local[:, :, 0] >= 0)
-        keys.append(key[which[cube][:, None], local[cube, slot]])
-    keys[1] = _without_collapsed(keys[1], len(values) ** 2)
-    used, triangles = np.unique(np.concatenate(keys), return_inverse=True)
-    vertices = np.zeros((len(used), 3))
-
-    on_edge = used < len(values) ** 2
-    start, end = np.divmod(used[on_edge], len(values))
-    a, b = values[start], values[end]
-    t = np.clip(a / (a - b), NUDGE, 1.0 - NUDGE)[:, None]
-    vertices[on_edge] = nodes[start] + t * (nodes[end] - nodes[start])
-
-    owner, number = np.divmod(used[~on_edge] - len(values) ** 2, 4)
-    loop = np.where(
-        coincide[owner][:, None],
-        triangle_table(True)[1][case[owner], number],
-        triangle_table(False)[1][case[owner], number],
-    )
-    loop_keys = np.where(loop >= 0, edge_key[owner[:, None], np.maximum(loop, 0)], -1)
-    weight = (loop >= 0).astype(np.float64)
-    corner = vertices[np.searchsorted(used, loop_keys)]
-    vertices[~on_edge] = (corner * weight[:, :, None]).sum(axis=1) / weight.sum(axis=1)[:, None]
-    return vertices, triangles.reshape(-1, 3).astype(np.int32)
+    triangles, members = both_tables()
+    result = _kernels.marching_cubes(values, nodes, cubes, triangles, members, EDGE_ENDS, NUDGE)
+    return np.asarray(result[0]), np.asarray(result[1])
 
 
-def _without_collapsed(keys: NDArray[np.int64], first_middle: int) -> NDArray[np.int64]:
-    """Drop triangles with two equal vertices and fans with fewer than three triangles."""
-    whole = (keys != np.roll(keys, 1, axis=1)).all(axis=1)
-    keys = keys[whole]
-    fan = keys[:, 0] >= first_middle
-    _, back, count = np.unique(keys[:, 0], return_inverse=True, return_counts=True)
-    return np.asarray(keys[~fan | (count[back] >= 3)])
+@cache
+def both_tables() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Tables without and with fans, one behind the other."""
+    triangles, members = zip(triangle_table(False), triangle_table(True), strict=True)
+    slots = max(len(table[0]) for table in triangles)
+    padded = np.full((2, 256, slots, 3), -1, np.int64)
+    for number, table in enumerate(triangles):
+        padded[number, :, : table.shape[1]] = table
+    return padded, np.stack(members)

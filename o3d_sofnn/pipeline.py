@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import metrics
-from ._kernels import KdTree
-from .attributes import attribute_weights, mesh_normals
+from ._kernels import KdTree, vertex_normals
+from .attributes import attribute_weights
 from .clock import STAGES, Clock, Progress
 from .decimation import decimate
 from .field import Field
@@ -192,14 +192,14 @@ def reconstruct_surface(
             vertices, triangles, source = decimate(vertices, triangles, target_triangles)
             confidence = confidence[source]
     with clock.stage("attributes"):
-        vertex_normals = mesh_normals(vertices, triangles)
+        facing = np.asarray(vertex_normals(vertices, triangles))
         near = np.flatnonzero(confidence > 0.0)
-        vertex_normals[near] = infer_normals(rules, vertices[near], threads)[0]
+        facing[near] = infer_normals(rules, vertices[near], threads)[0]
     clock.finish()
     return SurfaceEstimate(
         vertices=vertices * learned.extent + learned.middle,
         triangles=triangles,
-        vertex_normals=vertex_normals,
+        vertex_normals=facing,
         confidence=confidence,
         weigh=partial(attribute_weights, vertices, learned.points, learned.inverse, size, threads),
         normals=estimate,

@@ -8,9 +8,7 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
-from .attributes import mesh_normals
-from .metrics import area_vectors
-from .vectors import unit
+from . import _kernels
 
 SHARE = 0.5
 """Part of the way to the middle of its neighbours that a vertex goes."""
@@ -52,27 +50,13 @@ def relax(
     support : (m,) float64
         Where the vertices went along the surface.
     """
-    normals = mesh_normals(vertices, triangles)
-    count = np.bincount(triangles.ravel(), minlength=len(vertices))[:, None]
-    following = triangles[:, [1, 2, 0]].ravel()
-    # Each edge is met once in each direction, so the followers of a vertex are its neighbours.
-    ends = triangles.ravel()
-    middle = np.stack([np.bincount(ends, v[following], len(v)) for v in vertices.T], axis=1) / count
-    length = np.linalg.norm(vertices[following] - vertices[ends], axis=1)
-    reach = REACH * np.bincount(ends, length, len(vertices)) / count[:, 0]
-    step = SHARE * (middle - vertices)
-    step -= (step * normals).sum(axis=1, keepdims=True) * normals
-    values, support = evaluate(vertices + step)
-    back = np.where(support > 0.0, np.clip(values, -reach, reach), 0.0)
-    moved = vertices + step - back[:, None] * normals
-    facing = unit(area_vectors(vertices, triangles))
-    while True:
-        turned = (facing * unit(area_vectors(moved, triangles))).sum(axis=1) < TURN
-        turned &= (moved[triangles] != vertices[triangles]).any(axis=(1, 2))
-        if not turned.any():
-            return smooth_closings(moved, triangles, support), support
-        stay = triangles[turned].ravel()
-        moved[stay] = vertices[stay]
+    normals, ways, lengths = map(np.asarray, _kernels.surroundings(vertices, triangles))
+    stepped = vertices + SHARE * ways
+    values, support = evaluate(stepped)
+    back = np.where(support > 0.0, np.clip(values, -REACH * lengths, REACH * lengths), 0.0)
+    stepped -= back[:, None] * normals
+    moved = np.asarray(_kernels.undo_turns(vertices, stepped, triangles, TURN))
+    return smooth_closings(moved, triangles, support), support
 
 
 def smooth_closings(vertices: Array, triangles: NDArray[np.int32], support: Array) -> Array:

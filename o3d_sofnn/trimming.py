@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-import scipy.sparse
-import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
-from ._kernels import KdTree
+from ._kernels import KdTree, label_pieces
 from .metrics import triangle_areas
 
 SAMPLES = 16
@@ -49,7 +47,9 @@ def drop_strays(
     used : (v,) int64
         Vertices that stay.
     """
-    label = _pieces(triangles, len(vertices))
+    label = np.asarray(label_pieces(triangles, len(vertices)))
+    if not label.any():
+        return _compact(triangles, len(vertices))
     nearest = KdTree(vertices, n_threads).query(samples, 1, np.inf, n_threads)[1][:, 0]
     count = np.bincount(label[nearest], minlength=int(label.max(initial=0)) + 1)
     return _compact(
@@ -118,13 +118,6 @@ def _edge_keys(a: NDArray[np.int64], b: NDArray[np.int64], n: int) -> NDArray[np
     return np.asarray(np.minimum(a, b) * n + np.maximum(a, b))
 
 
-def _pieces(triangles: Triangles, n: int) -> NDArray[np.int32]:
-    """Label the vertices by connected piece."""
-    edges = np.concatenate([triangles[:, :2], triangles[:, 1:]])
-    graph = scipy.sparse.coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n, n))
-    return np.asarray(scipy.sparse.csgraph.connected_components(graph, directed=False)[1])
-
-
 def _compact(triangles: Triangles, n: int) -> tuple[Triangles, NDArray[np.int64]]:
     """Leave out the vertices that no triangle uses."""
     is_used = np.zeros(n, bool)
@@ -151,6 +144,7 @@ def _small_holes(
     """Vertices of unsupported patches that are small beside the supported surface."""
     area = triangle_areas(vertices, triangles)
     of_vertex = np.bincount(triangles.ravel(), np.repeat(area / 3.0, 3), len(vertices))
-    label = _pieces(triangles[open_[triangles].all(axis=1)], len(vertices))
+    inner = np.ascontiguousarray(triangles[open_[triangles].all(axis=1)])
+    label = np.asarray(label_pieces(inner, len(vertices)))
     patch = np.bincount(label, of_vertex)
     return np.asarray(open_ & (patch <= HOLE * of_vertex[~open_].sum())[label])

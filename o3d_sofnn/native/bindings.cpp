@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: MIT
-#include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
 
+#include "arrays.hpp"
 #include "local_fit.hpp"
 #include "field.hpp"
 #include "inference.hpp"
@@ -11,23 +10,12 @@
 #include "typical_data.hpp"
 #include "winding.hpp"
 
-namespace nb = nanobind;
 using namespace nb::literals;
 using namespace sofnn;
 
-using Points = nb::ndarray<const double, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
-using Doubles = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Frames = nb::ndarray<const double, nb::shape<-1, 3, 3>, nb::c_contig, nb::device::cpu>;
 using Coefficients = nb::ndarray<const double, nb::shape<-1, 6>, nb::c_contig, nb::device::cpu>;
 using Terms = nb::ndarray<const double, nb::shape<-1, -1, 4>, nb::c_contig, nb::device::cpu>;
-using Ints = nb::ndarray<const int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-
-template <class T>
-auto array(std::vector<T>&& data, std::initializer_list<size_t> shape) {
-  auto* owned = new std::vector<T>(std::move(data));
-  nb::capsule owner(owned, [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
-  return nb::ndarray<nb::numpy, T>(owned->data(), shape, owner);
-}
 
 // Sums at places that are asked for once, and at those of kept lists.
 std::vector<WindingSums> evaluate(const WindingTree& t, Sum what, const double* source, Points x, Doubles width,
@@ -59,6 +47,8 @@ auto vector_of(const std::vector<WindingSums>& sums) {
 }
 
 NB_MODULE(_kernels, m) {
+  bind_mesh(m);
+
   nb::class_<KdTree>(m, "KdTree")
       .def_prop_ro("size", &KdTree::size)
       .def("__init__", [](KdTree* t, Points p, int threads) { new (t) KdTree(p.data(), p.shape(0), threads); },

@@ -8,6 +8,8 @@ arrays of the same shapes. Nothing in the package calls them.
 from .field import evaluate_field
 from .inference import consequent_errors, infer_normals
 from .local_fit import fit_rules, fit_scales
+from .marching_cubes import marching_cubes
+from .mesh import label_pieces, surroundings, undo_turns, vertex_normals
 from .morton import sort_morton
 from .neighbors import crowded, query
 from .rlps import reconstruct_units
@@ -24,8 +26,13 @@ __all__ = [
     "fit_rules",
     "fit_scales",
     "infer_normals",
+    "label_pieces",
+    "marching_cubes",
     "query",
     "reconstruct_units",
     "sort_morton",
+    "surroundings",
     "typical_data",
+    "undo_turns",
+    "vertex_normals",
 ]

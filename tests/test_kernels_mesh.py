@@ -1,0 +1,74 @@
+"""Kernels over cubes and triangles against their twins."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from shapes import torus
+from test_grid import random_grid
+
+from o3d_sofnn import _kernels, reference
+from o3d_sofnn.marching_cubes import EDGE_ENDS, NUDGE, both_tables
+from o3d_sofnn.surface import extract
+
+
+def mesh(seed):
+    """A rough torus and random places near its vertices."""
+    points = torus(3000, seed=seed).points
+
+    def ring(x):
+        return np.hypot(np.hypot(x[:, 0], x[:, 1]) - 1.0, x[:, 2]) - 0.4, np.ones(len(x))
+
+    vertices, triangles = extract(ring, points, 0.1)
+    rng = np.random.default_rng(seed)
+    return vertices, triangles, vertices + rng.normal(0.0, 0.03, vertices.shape)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("bias", [-0.6, 0.0, 0.6])
+def test_marching_cubes(seed, bias):
+    rng, grid, cubes = random_grid(seed)
+    leaves, index = grid.corners(cubes)
+    place = grid.positions(leaves)
+    outside = ((place < grid.low) | (place > grid.high)).any(axis=1)
+    values = np.where(outside, 1.0, rng.uniform(-1.0, 1.0, len(leaves)) + bias)
+    args = (values, place, index, *both_tables(), EDGE_ENDS, NUDGE)
+    vertices, triangles = _kernels.marching_cubes(*args)
+    expected, connected = reference.marching_cubes(*args)
+    np.testing.assert_array_equal(triangles, connected)
+    np.testing.assert_allclose(vertices, expected, rtol=0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_surroundings(seed):
+    vertices, triangles, _ = mesh(seed)
+    found = _kernels.surroundings(vertices, triangles)
+    for array, expected in zip(found, reference.surroundings(vertices, triangles), strict=True):
+        np.testing.assert_allclose(array, expected, rtol=0.0, atol=1e-13)
+    np.testing.assert_array_equal(_kernels.vertex_normals(vertices, triangles), found[0])
+
+
+def test_a_vertex_without_triangles_has_a_normal():
+    vertices = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [5.0, 5.0, 5.0]])
+    triangles = np.array([[0, 1, 2]], np.int32)
+    normals = np.asarray(_kernels.vertex_normals(vertices, triangles))
+    np.testing.assert_array_equal(normals, [[0.0, 0.0, -1.0]] * 3 + [[0.0, 0.0, 1.0]])
+    np.testing.assert_array_equal(normals, reference.vertex_normals(vertices, triangles))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_undo_turns(seed):
+    vertices, triangles, moved = mesh(seed)
+    found = np.asarray(_kernels.undo_turns(vertices, moved, triangles, 0.5))
+    np.testing.assert_array_equal(found, reference.undo_turns(vertices, moved, triangles, 0.5))
+    stays = (found == vertices).all(axis=1)
+    assert 0 < stays.sum() < len(stays)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 1.0])
+def test_label_pieces(share):
+    vertices, triangles, _ = mesh(0)
+    some = triangles[np.random.default_rng(0).random(len(triangles)) < share]
+    found = np.asarray(_kernels.label_pieces(some, len(vertices)))
+    np.testing.assert_array_equal(found, reference.label_pieces(some, len(vertices)))
+    assert (found.max() == 0) == (share == 1.0)
