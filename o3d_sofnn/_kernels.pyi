@@ -192,7 +192,7 @@ def undo_turns(
     """Move `after` (m, 3) back to `before` until no triangle turns by more than `cosine`."""
 
 def label_pieces(triangles: NDArray[np.int32], n_vertices: int) -> _Ints:
-    """Number the connected pieces of vertices (m,), in the order of their first ones."""
+    """Label the connected pieces of vertices (m,), in the order of their first ones."""
 
 class WindingTree:
     """Tree over sources (n, 3); `area` (n,) is their share in the centres of its nodes.

@@ -67,7 +67,7 @@ def undo_turns(before: Array, after: Array, triangles: Triangles, cosine: float)
 
 
 def label_pieces(triangles: Triangles, n_vertices: int) -> NDArray[np.int64]:
-    """Number the connected pieces of vertices (m,), in the order of their first ones."""
+    """Label the connected pieces of vertices (m,), in the order of their first ones."""
     edges = np.concatenate([triangles[:, :2], triangles[:, 1:]])
     shape = (n_vertices, n_vertices)
     graph = scipy.sparse.coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=shape)
