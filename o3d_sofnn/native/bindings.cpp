@@ -225,7 +225,7 @@ NB_MODULE(_kernels, m) {
             const TermView local{rbf.data(), terms.data(), (int64_t)rbf.shape(1)};
             parallel_for(n, 256, threads, [&](int64_t lo, int64_t hi) {
               FieldScratch s;
-              for (int64_t i = lo; i < hi; ++i) value[i] = evaluate_field(rules, local, load(x.data() + 3 * i), k, s);
+              evaluate_field(rules, local, x.data() + 3 * lo, hi - lo, k, s, &value[lo]);
             });
           }
           return array(std::move(value), {n});

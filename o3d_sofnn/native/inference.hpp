@@ -126,15 +126,22 @@ SOFNN_CLONES inline bool any_within(const double* SOFNN_RESTRICT sq, const doubl
   return hits > 0;
 }
 
+// Squared distances of the candidates to the places of a run, and that of the k-th nearest of each place; returns the
+// number of candidates.
+inline int64_t find_rules(Run& run, const Candidates& near, int64_t k, std::vector<Lanes>& sq, std::vector<Lanes>& nearest) {
+  const int64_t m = near.size;
+  k = std::min(k, m);
+  if (static_cast<int64_t>(sq.size()) < m) sq.resize(m);
+  if (static_cast<int64_t>(nearest.size()) < k) nearest.resize(k);
+  run_distances(run, near, sq.data());
+  find_limits(sq.data(), m, k, nearest.data(), &run.sq_limit);
+  return m;
+}
+
 // Rules of a run and their weights: s.rules up to s.used, memberships over the largest of them, and the sums of these.
 inline void infer_run(const RuleView& view, int64_t k, InferenceScratch& s) {
   const Candidates& near = s.near;
-  const int64_t m = near.size;
-  k = std::min(k, m);
-  if (static_cast<int64_t>(s.sq.size()) < m) s.sq.resize(m);
-  if (static_cast<int64_t>(s.nearest.size()) < k) s.nearest.resize(k);
-  run_distances(s.run, near, s.sq.data());
-  find_limits(s.sq.data(), m, k, s.nearest.data(), &s.run.sq_limit);
+  const int64_t m = find_rules(s.run, near, k, s.sq, s.nearest);
   if (static_cast<int64_t>(s.rules.size()) < m) s.rules.resize(m);
   s.best.fill(2 * kOut), s.weight_sum.fill(0);
   s.used = 0;
@@ -192,24 +199,30 @@ class Places {
   }
 };
 
-// visit(first) for consecutive runs of n places, with what their rules say in s.
+// visit(first) for consecutive runs of n places, with the k nearest points of each among the candidates.
 template <class Visit>
-void infer_runs(const RuleView& view, const double* x, const double* sides, int64_t n, int64_t k, InferenceScratch& s,
-                const Visit& visit) {
+void for_runs(const KdTree& tree, const double* x, const double* sides, int64_t n, int64_t k, Run& run, Candidates& near,
+              const Visit& visit) {
   for (int64_t lo = 0, size = kLanes; lo < n; lo += size) {
     size = std::min<int64_t>({kLanes, 2 * size, n - lo});
-    while (!view.tree.gather(x + 3 * lo, size, k, s.near)) size = (size + 1) / 2;
-    s.run.size = size;
+    while (!tree.gather(x + 3 * lo, size, k, near)) size = (size + 1) / 2;
+    run.size = size;
     SOFNN_LANES
     for (int64_t l = 0; l < kLanes; ++l) {
       const int64_t i = lo + std::min(l, size - 1);
       const Vec3 p = load(x + 3 * i), side = sides ? load(sides + 3 * i) : Vec3{0, 0, 0};
-      s.run.x[l] = p.x, s.run.y[l] = p.y, s.run.z[l] = p.z;
-      s.run.side_x[l] = side.x, s.run.side_y[l] = side.y, s.run.side_z[l] = side.z;
+      run.x[l] = p.x, run.y[l] = p.y, run.z[l] = p.z;
+      run.side_x[l] = side.x, run.side_y[l] = side.y, run.side_z[l] = side.z;
     }
-    infer_run(view, k, s);
     visit(lo);
   }
+}
+
+// The same with what the rules of each run say in s.
+template <class Visit>
+void infer_runs(const RuleView& view, const double* x, const double* sides, int64_t n, int64_t k, InferenceScratch& s,
+                const Visit& visit) {
+  for_runs(view.tree, x, sides, n, k, s.run, s.near, [&](int64_t first) { infer_run(view, k, s), visit(first); });
 }
 
 // Sum of the normals of the rules by weight, and what the rule with the largest weight says.

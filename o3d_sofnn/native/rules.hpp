@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The rules of a rule base and what one of them says at a place.
+// The rules of a rule base, and the consequent of one of them.
 #pragma once
 #include "rlps.hpp"
 
@@ -42,9 +42,7 @@ struct TermView {
   const int64_t* count = nullptr;
   int64_t stride = 0;
 
-  double sum(int64_t rule, double u, double v, double h) const {
-    return rbf ? rbf_terms(rbf + 4 * stride * rule, count[rule], u, v, h) : 0.0;
-  }
+  const double* of(int64_t rule) const { return rbf + 4 * stride * rule; }
 };
 
 // Height and slopes of the consequent of a rule over its tangent plane.
@@ -58,27 +56,6 @@ SOFNN_INLINE void consequent(const double* q, double u, double v, double* height
   *height = q[0] + q[1] * u + q[2] * v + p * arc;
   *slope_u = q[1] + arc * pu + more * (4 * bend * pu - 2 * bend * bend * u);
   *slope_v = q[2] + arc * pv + more * (4 * bend * pv - 2 * bend * bend * v);
-}
-
-// What one rule says at x: squared tangential distance over its radius, signed distance, normal of its quadric.
-struct LocalImplicit {
-  double sq, height;
-  Vec3 normal;
-};
-
-inline LocalImplicit local_implicit(const RuleView& view, int64_t j, Vec3 x, const TermView& terms) {
-  const Rule& rule = view.rules[j];
-  const double* q = rule.coefficients;
-  const Frame& f = rule.frame;
-  const Vec3 d = (1 / rule.radius) * (x - rule.center);
-  double u = dot(d, f.t1), v = dot(d, f.t2), h = dot(d, f.n);
-  const double sq = u * u + v * v, shrink = sq > 1 ? 1 / std::sqrt(sq) : 1;
-  u *= shrink, v *= shrink;  // no extrapolation of the quadric beyond its own data
-  double height, qu, qv;
-  consequent(q, u, v, &height, &qu, &qv);
-  const double inv = 1 / std::sqrt(1 + qu * qu + qv * qv);
-  height += terms.sum(j, u, v, h);
-  return {sq, (h - height) * inv * rule.radius, inv * (f.n - qu * f.t1 - qv * f.t2)};
 }
 
 }  // namespace sofnn
