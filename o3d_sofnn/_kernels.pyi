@@ -116,14 +116,15 @@ def reconstruct_units(
     normals: _Floats,
     rules: RuleView,
     n_neighbors: _Ints,
+    n_own: _Ints,
     tolerance: _Floats,
     n_threads: int,
 ) -> tuple[_Floats, _Ints, _Floats, _Floats]:
     """Refine the quadric of every rule until its points are met, Algorithm 2.
 
-    `tree` is over `points`, `tolerance` (r,) is the precision. Returns basis functions (r, t, 4)
-    as centre and weight, the number of them in use (r,), the largest residual left (r,), and where
-    it is (r, 3).
+    `tree` is over `points`, `tolerance` (r,) is the precision, `n_own` of the `n_neighbors` points
+    of a unit decide whether it is refined. Returns basis functions (r, t, 4) as centre and weight,
+    the number of them in use (r,), the largest residual left (r,), and where it is (r, 3).
     """
 
 def evaluate_field(

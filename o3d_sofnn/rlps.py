@@ -122,7 +122,8 @@ def reconstruct_units(
     The rough set starts with the point whose residual to the quadric is largest, and two offset
     points of the unit (not of the points), above and below its middle, where the quadric's distance
     is kept. While the largest residual exceeds the precision and the set is small enough, the point
-    that has it is appended and the function computed anew.
+    that has it is appended and the function computed anew. Points of other faces bound the surface:
+    at an edge it may not cut them off.
 
     Parameters
     ----------
@@ -135,10 +136,11 @@ def reconstruct_units(
     n_threads : int
         Threads.
     precision : float, optional
-        Epsilon of all units, in the unit of `points`, at the nearer half of their points, to which
-        the fit gives most of its weight: the others are nearer to other units. None takes the noise
-        for the limit, no less than a small part of the radius, at all points of a unit: overlap
-        helps the accuracy, and takes two to four times as many offset points.
+        Epsilon of all units, in the unit of `points`. The nearer half of the points, to which the
+        fit gives most of its weight, decides whether a unit is refined: the others are nearer to
+        other units. None takes the noise for the limit, no less than a small part of the radius,
+        and lets all points of a unit decide: overlap helps the accuracy, and takes two to four
+        times as many offset points.
 
     Returns
     -------
@@ -155,6 +157,7 @@ def reconstruct_units(
         points,
         normals,
         rules.view(n_threads),
+        rules.n_neighbors,
         own,
         limit,
         n_threads,

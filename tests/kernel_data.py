@@ -41,7 +41,7 @@ def places_near(rules, seed=1):
 
 
 def unit_data(points, normals, tolerance=0.002):
-    """Rules fitted to every 15th point, and what belongs to them."""
+    """Rules fitted to every 15th point, and what belongs to them; the first half decide alone."""
     centers = points[::15]
     n = len(centers)
     tree = _kernels.KdTree(points, 1)
@@ -55,4 +55,5 @@ def unit_data(points, normals, tolerance=0.002):
     coefficients[inward] *= MIRROR
     radius = np.ascontiguousarray(info[:, 2])
     rules = reference.Rules(centers, frames, coefficients, radius, np.ones(n), np.ones(n))
-    return points, normals, rules, sizes, np.full(n, tolerance)
+    own = np.where(np.arange(n) < n // 2, 20, 40)
+    return points, normals, rules, sizes, own, np.full(n, tolerance)

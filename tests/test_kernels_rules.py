@@ -141,6 +141,36 @@ def test_centers_make_the_residual_smaller():
     assert np.median(fine) < 0.5 * np.median(coarse)
 
 
+@pytest.mark.parametrize("convex", [True, False])
+def test_a_face_does_not_cut_off_the_points_of_another(convex):
+    # Two faces of an edge; the quadric of the first bends away before the points of the second.
+    rng = np.random.default_rng(0)
+    inward = -1.0 if convex else 1.0
+    first, second = rng.uniform(-0.3, 0.3, (2, 200, 3))
+    first[:, 0] = inward * np.abs(first[:, 0])
+    first[:, 2], second[:, 0] = 0.0, 0.0
+    second[:, 2] = inward * np.abs(second[:, 2])
+    points = np.vstack([first, second])
+    normals = np.repeat([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]], 200, axis=0)
+    bent = inward * np.array([0.0, 0.0, 0.0, 0.1, 0.0, 0.0])
+    one = np.ones(1)
+    rules = reference.Rules(
+        np.array([[inward * 0.1, 0.0, 0.0]]), np.eye(3)[None], bent[None], 0.3 * one, one, one
+    )
+    data = (points, normals, rules, np.array([200]), np.array([200]), 0.001 * one)
+    found = reconstruct(data, 1)
+    expected = reference.reconstruct_units(*data)
+    np.testing.assert_allclose(found[0], expected[0], rtol=1e-7, atol=1e-8)
+    unit = reference.rlps.unit_points(points, normals, rules, 0, 200, 200)
+    edge = unit.local[unit.bound != 0]
+    assert set(unit.bound) == {0, 1 if convex else -1}
+    height = reference.rlps.quadric_height(bent, edge[:, 0], edge[:, 1])
+    terms = np.asarray(found[0])[0, : found[1][0]]
+    height = height + reference.rlps.basis(edge, terms[:, :3]) @ terms[:, 3]
+    limit = 0.001 / 0.3 + 1e-4
+    assert (-inward * (edge[:, 2] - height) <= limit).all()
+
+
 def test_units_without_points_on_their_side_keep_the_quadric():
     data = list(unit_data(*sphere(400)))
     data[1] = -data[1]

@@ -8,6 +8,7 @@
 #include "morton.hpp"
 #include "rlps.hpp"
 #include "typical_data.hpp"
+#include "units.hpp"
 #include "winding.hpp"
 
 using namespace nb::literals;
@@ -181,7 +182,7 @@ NB_MODULE(_kernels, m) {
         "rules"_a, "x"_a, "sides"_a.none(), "k"_a, "n_threads"_a);
 
   m.def("reconstruct_units",
-        [](const KdTree& t, Points p, Points normals, const RuleView& rules, Ints neighbors, Doubles tolerance, int threads) {
+        [](const KdTree& t, Points p, Points normals, const RuleView& rules, Ints neighbors, Ints own, Doubles tolerance, int threads) {
           const size_t n = rules.rules.size();
           std::vector<double> rbf(n * kTerms * 4, 0.0), error(n), worst(3 * n);
           std::vector<int64_t> terms(n);
@@ -189,32 +190,25 @@ NB_MODULE(_kernels, m) {
             nb::gil_scoped_release release;
             parallel_for(n, 64, threads, [&](int64_t lo, int64_t hi) {
               Search near;
-              std::vector<double> local;
+              std::vector<UnitPoint> unit;
               for (int64_t i = lo; i < hi; ++i) {
                 const Rule& rule = rules.rules[i];
                 const Frame& f = rule.frame;
-                const double *q = rule.coefficients, r = rule.radius;
-                const Vec3 c = rule.center, side = f.n - q[1] * f.t1 - q[2] * f.t2;
-                t.nearest_sorted(c, neighbors.data()[i], r * r, near);
-                local.clear();
-                for (const Neighbor& k : near) {
-                  const Vec3 d = (1 / r) * (load(p.data() + 3 * k.index) - c);
-                  if (dot(load(normals.data() + 3 * k.index), side) < kSameSide * norm(side)) continue;
-                  local.insert(local.end(), {dot(d, f.t1), dot(d, f.t2), dot(d, f.n)});
-                }
-                const LocalSurface s = reconstruct_unit(local, q, tolerance.data()[i] / r);
+                const double r = rule.radius;
+                unit_points(t, p.data(), normals.data(), rule, neighbors.data()[i], own.data()[i], near, unit);
+                const LocalSurface s = reconstruct_unit(unit, rule.coefficients, tolerance.data()[i] / r);
                 for (int k = 0; k < s.terms; ++k) {
                   for (int d = 0; d < 3; ++d) rbf[4 * (i * kTerms + k) + d] = s.term[k][d];
                   rbf[4 * (i * kTerms + k) + 3] = s.term[k][3];
                 }
                 terms[i] = s.terms, error[i] = s.error * r;
-                store(&worst[3 * i], c + r * (s.worst[0] * f.t1 + s.worst[1] * f.t2 + s.worst[2] * f.n));
+                store(&worst[3 * i], rule.center + r * (s.worst[0] * f.t1 + s.worst[1] * f.t2 + s.worst[2] * f.n));
               }
             });
           }
           return nb::make_tuple(array(std::move(rbf), {n, (size_t)kTerms, 4}), array(std::move(terms), {n}), array(std::move(error), {n}), array(std::move(worst), {n, 3}));
         },
-        "tree"_a, "points"_a, "normals"_a, "rules"_a, "n_neighbors"_a, "tolerance"_a, "n_threads"_a);
+        "tree"_a, "points"_a, "normals"_a, "rules"_a, "n_neighbors"_a, "n_own"_a, "tolerance"_a, "n_threads"_a);
 
   m.def("evaluate_field",
         [](const RuleView& rules, Terms rbf, Ints terms, Points x, int64_t k, int threads) {

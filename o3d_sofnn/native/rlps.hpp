@@ -8,7 +8,6 @@ namespace sofnn {
 constexpr int kMaxCenters = 12;  // delta of Algorithm 2
 constexpr int kOffsets = 2;      // offset points of one unit
 constexpr int kTerms = kMaxCenters + kOffsets;
-constexpr double kSameSide = 0.5;        // least cosine between a unit's normal and those of its points
 constexpr double kKernelSupport = 1.0;  // over the radius of the unit
 
 // Wendland's function C2, positive definite in three dimensions; t2 = squared distance over squared support.
@@ -40,31 +39,46 @@ inline double rbf_terms(const double* terms, int64_t n, double u, double v, doub
   return sum;
 }
 
-// Unit data: local coordinates (m, 3) of its points. tolerance: epsilon of Algorithm 2, over the radius.
-inline LocalSurface reconstruct_unit(const std::vector<double>& p, const double* quadric, double tolerance) {
-  LocalSurface f;
-  const int m = static_cast<int>(p.size() / 3);
-  std::vector<double> rest(m);
-  std::vector<char> used(m, 0);
-  int next = -1;
-  double largest = 0;
-  for (int i = 0; i < m; ++i) {
-    rest[i] = p[3 * i + 2] - quadric_height(quadric, p[3 * i], p[3 * i + 1]);
-    if (std::fabs(rest[i]) > largest) largest = std::fabs(rest[i]), next = i;
+// A point of a unit, in the frame of its rule and over its radius.
+struct UnitPoint {
+  double u, v, h;
+  int bound;  // 0: on the surface. 1 or -1: on another face, so that the surface may not pass below or above it
+  bool own;   // decides whether the unit is refined
+  bool center = false;
+  double rest = 0;  // residual to the quadric
+
+  double violation(double residual) const {
+    return center ? 0 : bound == 0 ? std::fabs(residual) : std::max(bound * residual, 0.0);
   }
-  double target[kTerms];
+};
+
+// tolerance: epsilon of Algorithm 2, over the radius.
+inline LocalSurface reconstruct_unit(std::vector<UnitPoint>& points, const double* quadric, double tolerance) {
+  LocalSurface f;
   // Offset points: above and below the middle the quadric's distance is left as it is.
+  double target[kTerms];
   for (int k = 0; k < kOffsets; ++k) {
     f.term[k][0] = f.term[k][1] = 0;
     f.term[k][2] = quadric[0] + (k == 0 ? 0.5 : -0.5);
     target[k] = f.term[k][3] = 0;
   }
   f.terms = kOffsets;
-  while (largest > tolerance && f.centers_used < kMaxCenters && next >= 0) {
-    for (int d = 0; d < 3; ++d) f.term[f.terms][d] = p[3 * next + d];
+  for (UnitPoint& p : points) p.rest = p.h - quadric_height(quadric, p.u, p.v);
+  while (true) {
+    UnitPoint* next = nullptr;
+    double largest = 0;
+    f.error = 0;
+    for (UnitPoint& p : points) {
+      const double off = p.violation(p.rest - rbf_terms(f.term[0], f.terms, p.u, p.v, p.h));
+      if (off > largest && (p.own || f.centers_used > 0)) largest = off, next = &p;
+      if (off > f.error && p.own && p.bound == 0) f.error = off, f.worst[0] = p.u, f.worst[1] = p.v, f.worst[2] = p.h;
+    }
+    if (largest <= tolerance || f.centers_used == kMaxCenters) break;
     // The field f = h - quadric - sum has to vanish at the centre.
-    target[f.terms] = p[3 * next + 2] - quadric_height(quadric, p[3 * next], p[3 * next + 1]);
-    used[next] = 1;
+    const double place[3] = {next->u, next->v, next->h};
+    std::copy(place, place + 3, f.term[f.terms]);
+    target[f.terms] = next->rest;
+    next->center = true;
     ++f.terms, ++f.centers_used;
     double a[kTerms * kTerms], b[kTerms];
     for (int i = 0; i < f.terms; ++i) {
@@ -81,15 +95,7 @@ inline LocalSurface reconstruct_unit(const std::vector<double>& p, const double*
     }
     cholesky_solve(a, f.terms, kTerms, b);
     for (int i = 0; i < f.terms; ++i) f.term[i][3] = b[i];
-    largest = 0, next = -1;
-    for (int i = 0; i < m; ++i) {
-      const double r = rest[i] - rbf_terms(f.term[0], f.terms, p[3 * i], p[3 * i + 1], p[3 * i + 2]);
-      if (!used[i] && std::fabs(r) > largest) largest = std::fabs(r), next = i;
-    }
   }
-  f.error = largest;
-  if (next >= 0)
-    for (int d = 0; d < 3; ++d) f.worst[d] = p[3 * next + d];
   if (f.centers_used == 0) f.terms = 0;
   return f;
 }
