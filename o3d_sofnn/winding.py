@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ._kernels import KdTree, WindingTree
+from ._kernels import KdTree, WindingLists, WindingTree
 from .octree import build_octree
 from .vectors import unit
 
@@ -18,8 +18,12 @@ vanish; many iterations at a small width learn the noise by heart."""
 REGION, SAMPLED = 300, 16
 """Representatives whose median says how far apart they are in a region: walls closer together than
 that keep their width, sparse regions get a wider one. One representative of so many asks."""
-ITERATIONS = (17, 3)
-"""Iterations at the coarse width, and on the way to the fine one."""
+SETTLED, MOST = 1e-4, 40
+"""Share of the representatives that still change sides when the iteration at the coarse width ends,
+and the most iterations: cavities beside cavities take many, simple bodies some five, and more than
+are needed learn the noise by heart."""
+LEAST, NARROWING = 5, 3
+"""Fewest iterations at the coarse width, and those on the way to the fine one."""
 BLUR = 4.5
 """Smoothing width of the gradient at the points, over the noise."""
 OPENING = 0.35
@@ -51,9 +55,7 @@ def orient_points(points: NDArray[np.float64], noise: float, n_threads: int) -> 
     tree = KdTree(x, n_threads)
     spacing = regional_spacing(x, tree, n_threads)
     coarse, fine = (np.maximum(a * spacing, b * noise) for a, b in (COARSE, FINE))
-    steady, narrowing = ITERATIONS
-    widths = np.concatenate([[coarse] * steady, np.geomspace(coarse, fine, narrowing)])
-    mu = winding_number_normals(x, widths, n_threads)
+    mu = winding_number_normals(x, coarse, fine, n_threads)
     sources = WindingTree(x, np.linalg.norm(mu, axis=1))
     nearest = tree.query(points, 1, np.inf, n_threads)[1][:, 0]
     width = np.maximum(fine, BLUR * noise)[nearest]
@@ -107,20 +109,23 @@ def regional_spacing(x: NDArray[np.float64], tree: KdTree, n_threads: int) -> ND
 
 
 def winding_number_normals(
-    x: NDArray[np.float64], widths: NDArray[np.float64], n_threads: int
+    x: NDArray[np.float64],
+    coarse: NDArray[np.float64],
+    fine: NDArray[np.float64],
+    n_threads: int,
 ) -> NDArray[np.float64]:
     """Find normals whose winding number is one half on the surface and that are its gradient.
 
     Lin, Shi and Liu, "Fast and globally consistent normal orientation based on the winding number
-    normal consistency" (2024): a gradient step on ``|A mu - 1/2|^2`` alternates with
-    ``mu <- |mu| * unit(-grad(winding number of mu))``, with a smoothing width that shrinks.
+    normal consistency" (2024), with a smoothing width that shrinks once the sides have settled.
 
     Parameters
     ----------
     x : (m, 3) float64
         Positions on the surface or scattered about it.
-    widths : (k, m) float64
-        Smoothing width of each iteration at each position, in the unit of the points.
+    coarse, fine : (m,) float64
+        Smoothing width at each position until the sides have settled, and at last, in the unit of
+        the points.
     n_threads : int
         Threads.
 
@@ -130,22 +135,41 @@ def winding_number_normals(
         Area-weighted outward normals.
     """
     order = np.asarray(WindingTree(x, np.ones(len(x))).order())
-    sorted_x = np.ascontiguousarray(x[order])
+    sorted_x, coarse, fine = np.ascontiguousarray(x[order]), coarse[order], fine[order]
     tree = WindingTree(sorted_x, np.ones(len(x)))
     lists = tree.lists(sorted_x, OPENING, n_threads)
     mu = np.zeros_like(sorted_x)
-    for width in widths[:, order]:
-        error = 0.5 - np.asarray(tree.winding_at(mu, lists, width, n_threads))
-        descent = -np.asarray(tree.adjoint_at(error, lists, width, n_threads))
-        response = np.asarray(tree.winding_at(descent, lists, width, n_threads))
-        scale = float((response**2).sum())
-        if scale > 0:
-            mu = mu + float((descent**2).sum()) / scale * descent
-        gradient = np.asarray(tree.gradient_at(mu, lists, width, n_threads)[1])
-        mu = np.linalg.norm(mu, axis=1, keepdims=True) * unit(gradient)
+    for iteration in range(MOST):
+        before, mu = mu, _made_consistent(mu, tree, lists, coarse, n_threads)
+        changed = (np.einsum("nd,nd->n", before, mu) < 0.0).mean()
+        if iteration + 1 >= LEAST and changed < SETTLED:
+            break
+    for width in np.geomspace(coarse, fine, NARROWING):
+        mu = _made_consistent(mu, tree, lists, width, n_threads)
     result = np.empty_like(mu)
     result[order] = mu
     return result
+
+
+def _made_consistent(
+    mu: NDArray[np.float64],
+    tree: WindingTree,
+    lists: WindingLists,
+    width: NDArray[np.float64],
+    n_threads: int,
+) -> NDArray[np.float64]:
+    """Step down the gradient of ``|A mu - 1/2|^2``, then take the directions of the result's own.
+
+    That is ``mu <- |mu| * unit(-grad(winding number of mu))``.
+    """
+    error = 0.5 - np.asarray(tree.winding_at(mu, lists, width, n_threads))
+    descent = -np.asarray(tree.adjoint_at(error, lists, width, n_threads))
+    response = np.asarray(tree.winding_at(descent, lists, width, n_threads))
+    scale = float((response**2).sum())
+    if scale > 0:
+        mu = mu + float((descent**2).sum()) / scale * descent
+    gradient = np.asarray(tree.gradient_at(mu, lists, width, n_threads)[1])
+    return np.linalg.norm(mu, axis=1, keepdims=True) * unit(gradient)
 
 
 def cell_areas(x: NDArray[np.float64], n_threads: int) -> NDArray[np.float64]:
