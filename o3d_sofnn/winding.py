@@ -169,7 +169,7 @@ def _made_consistent(
     if scale > 0:
         mu = mu + float((descent**2).sum()) / scale * descent
     gradient = np.asarray(tree.gradient_at(mu, lists, width, n_threads)[1])
-    return np.linalg.norm(mu, axis=1, keepdims=True) * unit(gradient)
+    return np.asarray(np.linalg.norm(mu, axis=1, keepdims=True) * unit(gradient))
 
 
 def cell_areas(x: NDArray[np.float64], n_threads: int) -> NDArray[np.float64]:
