@@ -160,6 +160,28 @@ def typical_data(
 class WindingLists:
     """Places, and what a tree sums there."""
 
+class DualWalk:
+    """Walk over the dual cubes of a balanced octree, from those at `points` (n, 3) on.
+
+    Leaves around a point have edges of at most ``size * 2**level``, the largest ``size * 2**top``.
+    A leaf has its middle as its key, in half cells from `origin`, 21 bits a coordinate.
+    """
+
+    def __init__(
+        self, points: _Floats, origin: _Floats, size: float, levels: _Ints, top: int
+    ) -> None: ...
+    def advance(self, inside: NDArray[np.bool_]) -> _Ints:
+        """Take the signs of the leaves that were wanted last; return those wanted next.
+
+        None are wanted when the surface of the function has closed.
+        """
+
+    def leaves(self) -> _Ints:
+        """Return all leaves that were wanted, (m,)."""
+
+    def crossed(self) -> _Ints:
+        """Return the leaves at the corners of the cubes with a change of sign, (c, 8)."""
+
 def marching_cubes(
     values: _Floats,
     nodes: _Floats,

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from mesh_checks import assert_valid_mesh
 
-from o3d_sofnn.grid import AdaptiveGrid, contains, distinct, halve, pack, unpack
+from o3d_sofnn import reference
+from o3d_sofnn.grid import AdaptiveGrid, unpack
 from o3d_sofnn.marching_cubes import marching_cubes
+from o3d_sofnn.reference.grid import contains, distinct, halve, pack
 from o3d_sofnn.surface import extract
 
 
@@ -17,22 +19,23 @@ def random_grid(seed):
     points = np.concatenate([rng.uniform(0.0, 1.0, (6, 3)), [[0.0] * 3, [1.0] * 3]])
     levels = rng.integers(0, 4, len(points))
     grid = AdaptiveGrid(points, 1 / 48, levels)
-    cubes = fresh = grid.cubes_at(points, levels)
+    walk = reference.DualWalk(points, grid.origin, grid.size, levels, grid.top)
+    cubes = fresh = walk.fresh
     while len(fresh):
-        leaves, index = grid.corners(fresh)
+        leaves, index = walk.corners(fresh)
         place = grid.positions(leaves)[index]
         inside = ((place > grid.low - 0.2) & (place < grid.high + 0.2)).all(axis=(1, 2))
         crossed = np.broadcast_to(inside[:, None, None], (len(fresh), 3, 2))
-        fresh = grid.across(fresh, leaves, index, crossed)
+        fresh = walk.across(fresh, leaves, index, crossed)
         fresh = fresh[~contains(cubes, fresh)]
         cubes = distinct(np.concatenate([cubes, fresh]))
-    return rng, grid, cubes
+    return rng, grid, walk, cubes
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_random_signs_on_random_levels_give_closed_manifolds(seed):
-    rng, grid, cubes = random_grid(seed)
-    leaves, index = grid.corners(cubes)
+    rng, grid, walk, cubes = random_grid(seed)
+    leaves, index = walk.corners(cubes)
     place = grid.positions(leaves)
     outside = ((place < grid.low) | (place > grid.high)).any(axis=1)
     assert len(np.unique(grid.edges(leaves))) > 1, "all leaves have one size"
@@ -43,22 +46,22 @@ def test_random_signs_on_random_levels_give_closed_manifolds(seed):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_leaves_that_touch_differ_by_one_level_at_most(seed):
-    _, grid, cubes = random_grid(seed)
-    leaves, index = grid.corners(cubes)
+    _, grid, walk, cubes = random_grid(seed)
+    leaves, index = walk.corners(cubes)
     edges = grid.edges(leaves)[index]
     assert (edges.max(axis=1) <= 2 * edges.min(axis=1)).all()
 
 
 def test_a_cube_is_its_neighbors_neighbor():
-    _, grid, cubes = random_grid(0)
-    leaves, index = grid.corners(cubes)
+    _, _, walk, cubes = random_grid(0)
+    leaves, index = walk.corners(cubes)
     for axis in range(3):
         crossed = np.zeros((len(cubes), 3, 2), bool)
         crossed[:, axis, 1] = True
-        beyond = grid.across(cubes, leaves, index, crossed)
+        beyond = walk.across(cubes, leaves, index, crossed)
         crossed = np.zeros((len(beyond), 3, 2), bool)
         crossed[:, axis, 0] = True
-        back = grid.across(beyond, *grid.corners(beyond), crossed)
+        back = walk.across(beyond, *walk.corners(beyond), crossed)
         assert contains(cubes, back).all()
 
 

@@ -8,6 +8,7 @@ from shapes import torus
 from test_grid import random_grid
 
 from o3d_sofnn import _kernels, reference
+from o3d_sofnn.grid import AdaptiveGrid
 from o3d_sofnn.marching_cubes import EDGE_ENDS, NUDGE, both_tables
 from o3d_sofnn.surface import extract
 
@@ -27,8 +28,8 @@ def mesh(seed):
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("bias", [-0.6, 0.0, 0.6])
 def test_marching_cubes(seed, bias):
-    rng, grid, cubes = random_grid(seed)
-    leaves, index = grid.corners(cubes)
+    rng, grid, walk, cubes = random_grid(seed)
+    leaves, index = walk.corners(cubes)
     place = grid.positions(leaves)
     outside = ((place < grid.low) | (place > grid.high)).any(axis=1)
     values = np.where(outside, 1.0, rng.uniform(-1.0, 1.0, len(leaves)) + bias)
@@ -37,6 +38,29 @@ def test_marching_cubes(seed, bias):
     expected, connected = reference.marching_cubes(*args)
     np.testing.assert_array_equal(triangles, connected)
     np.testing.assert_allclose(vertices, expected, rtol=0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_walk(seed):
+    rng = np.random.default_rng(seed)
+    points = np.concatenate([rng.uniform(0.0, 1.0, (9, 3)), [[0.0] * 3, [1.0] * 3]])
+    levels = rng.integers(0, 4, len(points))
+    grid = AdaptiveGrid(points, 1 / 32, levels)
+    slopes = rng.normal(0.0, 8.0, (4, 3))
+    walks = grid.walk(), reference.DualWalk(points, grid.origin, grid.size, levels, grid.top)
+    found = []
+    for walk in walks:
+        signs = np.zeros(0, bool)
+        while len(wanted := np.asarray(walk.advance(signs))):
+            x = grid.positions(wanted)
+            outside = ((x < grid.low) | (x > grid.high)).any(axis=1)
+            signs = (np.sin(x @ slopes.T).sum(axis=1) < 0.3) & ~outside
+        leaves = np.asarray(walk.leaves())
+        cubes = leaves[np.asarray(walk.crossed())]
+        found.append((np.sort(leaves), cubes[np.lexsort(cubes.T)]))
+    assert len(found[0][1]) > 100
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize("seed", range(3))

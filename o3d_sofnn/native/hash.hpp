@@ -12,6 +12,13 @@ class KeyMap {
 
   int64_t size() const { return size_; }
 
+  std::vector<int64_t> keys() const {
+    std::vector<int64_t> result;
+    for (const Slot& s : slots_)
+      if (s.key >= 0) result.push_back(s.key);
+    return result;
+  }
+
   // The value of a key; -1 where it is missing.
   int64_t find(int64_t key) const {
     for (uint64_t i = place(key);; i = (i + 1) & (slots_.size() - 1)) {

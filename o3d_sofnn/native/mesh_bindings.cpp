@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "arrays.hpp"
+#include "dual_walk.hpp"
 #include "marching_cubes.hpp"
 #include "mesh.hpp"
 
@@ -7,6 +8,7 @@ namespace sofnn {
 
 using namespace nb::literals;
 
+using Signs = nb::ndarray<const bool, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Cubes = nb::ndarray<const int64_t, nb::shape<-1, 8>, nb::c_contig, nb::device::cpu>;
 using Ends = nb::ndarray<const int64_t, nb::shape<12, 2>, nb::c_contig, nb::device::cpu>;
 using CaseTriangles = nb::ndarray<const int64_t, nb::shape<2, 256, -1, 3>, nb::c_contig, nb::device::cpu>;
@@ -17,6 +19,26 @@ static MeshView view(const Points& vertices, const Triangles& triangles) {
 }
 
 void bind_mesh(nb::module_& m) {
+  nb::class_<DualWalk>(m, "DualWalk")
+      .def("__init__",
+           [](DualWalk* w, Points points, Doubles origin, double size, Ints levels, int top) {
+             new (w) DualWalk(points.data(), points.shape(0), origin.data(), size, levels.data(), top);
+           },
+           "points"_a, "origin"_a, "size"_a, "levels"_a, "top"_a, nb::call_guard<nb::gil_scoped_release>())
+      .def("advance",
+           [](DualWalk& w, Signs inside) {
+             std::vector<int64_t> wanted;
+             {
+               nb::gil_scoped_release release;
+               wanted = w.advance(inside.data(), inside.shape(0));
+             }
+             const size_t n = wanted.size();
+             return array(std::move(wanted), {n});
+           },
+           "inside"_a)
+      .def("leaves", [](const DualWalk& w) { return array(std::vector<int64_t>(w.leaves()), {w.leaves().size()}); })
+      .def("crossed", [](const DualWalk& w) { return array(std::vector<int64_t>(w.crossed()), {w.crossed().size() / 8, 8}); });
+
   m.def("marching_cubes",
         [](Doubles values, Points nodes, Cubes cubes, CaseTriangles triangles, CaseMembers members, Ends ends, double nudge) {
           CubeMesh mesh;

@@ -6,6 +6,7 @@ arrays of the same shapes. Nothing in the package calls them.
 """
 
 from .field import evaluate_field
+from .grid import DualWalk
 from .inference import consequent_errors, infer_normals
 from .local_fit import fit_rules, fit_scales
 from .marching_cubes import marching_cubes
@@ -18,6 +19,7 @@ from .typical_data import typical_data
 from .winding import evaluate_winding
 
 __all__ = [
+    "DualWalk",
     "Rules",
     "consequent_errors",
     "crowded",
