@@ -107,6 +107,28 @@ def test_field_keeps_edges_sharp(convex):
     np.testing.assert_allclose(values, exact, rtol=0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize("convex", [True, False])
+def test_the_odd_edge_of_three_faces_comes_first(convex):
+    # A plate with a valley along its upper side, and what is left of space without it.
+    slope = 0.8
+    normals = np.array([[0.0, 0.0, -1.0], [0.0, -slope, 1.0], [0.0, slope, 1.0]])
+    normals *= (1.0 if convex else -1.0) / np.linalg.norm(normals, axis=1, keepdims=True)
+    centers = np.array([[0.0, 0.0, -0.1], [0.0, -0.2, -0.16], [0.0, 0.2, -0.16]])
+    centers[1:, 2] += 2 * 0.16
+    frames = np.ascontiguousarray([reference.local_fit.frame_of(normal) for normal in normals])
+    rules = reference.Rules(
+        centers, frames, np.zeros((3, 6)), np.ones(3), np.full(3, 0.01), np.ones(3)
+    )
+    x = np.random.default_rng(0).uniform(-0.1, 0.1, (200, 3))
+    values = _kernels.evaluate_field(view(rules), *no_terms(3), x, 16, 1)
+    heights = ((x[:, None] - centers) * normals).sum(axis=2)
+    pair = heights[:, 1:].min(axis=1) if convex else heights[:, 1:].max(axis=1)
+    exact = np.maximum(heights[:, 0], pair) if convex else np.minimum(heights[:, 0], pair)
+    np.testing.assert_allclose(values, exact, rtol=0.0, atol=1e-12)
+    expected = reference.evaluate_field(rules, *no_terms(3), x, 16)
+    np.testing.assert_allclose(values, expected, rtol=0.0, atol=1e-12)
+
+
 # --- local progressive surfaces
 
 

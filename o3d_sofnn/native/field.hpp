@@ -49,6 +49,8 @@ inline bool meet_convex(const Faces& s, int a, int b) {
   return vote < 0;
 }
 
+inline double as_solids(double a, double b, bool convex) { return convex ? std::max(a, b) : std::min(a, b); }
+
 // Membership in the tangent plane: its logarithm is so many times the squared distance over the radius.
 constexpr double kReach = 2;
 
@@ -138,31 +140,34 @@ inline double combine_faces(Faces& s) {
   const int64_t n = s.rule.size();
   s.face.assign(n, -1), s.share.resize(n);
   const double nearest = *std::max_element(s.reach.begin(), s.reach.end());
-  double value = 0;
-  for (int face = 0; face < kFaces; ++face) {
+  double height[kFaces] = {};
+  int count = 0;
+  for (; count < kFaces; ++count) {
     int64_t best = -1;
     for (int64_t i = 0; i < n; ++i)
-      if (s.face[i] < 0 && (face == 0 || s.reach[i] > nearest + kFaint) && (best < 0 || s.log_weight[i] > s.log_weight[best]))
+      if (s.face[i] < 0 && (count == 0 || s.reach[i] > nearest + kFaint) && (best < 0 || s.log_weight[i] > s.log_weight[best]))
         best = i;
     if (best < 0) break;
     double sum = 0, total = 0, top = -1e300;
     const double same = same_face(s.rule[best]->tolerance / s.rule[best]->radius);
     for (int64_t i = 0; i < n; ++i)
-      if (s.face[i] < 0 && dot(s.normal[i], s.normal[best]) >= same) s.face[i] = face, top = std::max(top, s.log_weight[i]);
+      if (s.face[i] < 0 && dot(s.normal[i], s.normal[best]) >= same) s.face[i] = count, top = std::max(top, s.log_weight[i]);
     for (int64_t i = 0; i < n; ++i)
-      if (s.face[i] == face) {
+      if (s.face[i] == count) {
         const double w = std::exp(s.log_weight[i] - top);
         sum += w * s.height[i], total += w;
       }
-    const double height = sum / total;
-    if (face == 1)
-      for (int64_t i = 0; i < n; ++i) s.share[i] = std::exp(s.reach[i] - nearest);
-    if (face == 0)
-      value = height;
-    else
-      value = meet_convex(s, 0, face) ? std::max(value, height) : std::min(value, height);
+    height[count] = sum / total;
   }
-  return value;
+  if (count == 1) return height[0];
+  for (int64_t i = 0; i < n; ++i) s.share[i] = std::exp(s.reach[i] - nearest);
+  const bool convex = meet_convex(s, 0, 1);
+  if (count == 2) return as_solids(height[0], height[1], convex);
+  // Of three faces the two that meet in an edge of another kind than the other edges come first.
+  const bool with_first = meet_convex(s, 0, 2), with_second = meet_convex(s, 1, 2);
+  if (with_first == with_second) return as_solids(as_solids(height[0], height[1], convex), height[2], with_first);
+  if (convex == with_second) return as_solids(as_solids(height[0], height[2], with_first), height[1], convex);
+  return as_solids(as_solids(height[1], height[2], with_second), height[0], convex);
 }
 
 // The rules that take part at one place of a run.

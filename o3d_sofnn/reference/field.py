@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -56,24 +58,33 @@ def evaluate_field(rules: Rules, rbf: Array, terms: NDArray[np.int64], x: Array,
 
 def _combine(rule: Contribution, near: Array, membership: Array, same: Array) -> float:
     free = np.ones(len(near), bool)
-    first = np.zeros(len(near), bool)
-    value = 0.0
-    for number in range(FACES):
-        eligible = free & ((near > near.max() + FAINT) | (number == 0))
+    faces: list[NDArray[np.bool_]] = []
+    heights: list[float] = []
+    while len(faces) < FACES:
+        eligible = free & ((near > near.max() + FAINT) | (not faces))
         if not eligible.any():
             break
         best = int(np.where(eligible, membership, -np.inf).argmax())
         face = free & (rule.normal @ rule.normal[best] >= same[best])
         weight = np.exp(membership[face] - membership[face].max())
-        height = float(weight @ rule.residual[face] / weight.sum())  # Eq. (7) and (9)
+        heights.append(float(weight @ rule.residual[face] / weight.sum()))  # Eq. (7) and (9)
+        faces.append(face)
         free &= ~face
-        if number == 0:
-            value, first = height, face
-        elif _meet_convex(rule, near, first, face):
-            value = max(value, height)
-        else:
-            value = min(value, height)
-    return value
+    kinds = {
+        (i, j): _meet_convex(rule, near, faces[i], faces[j])
+        for i, j in itertools.combinations(range(len(faces)), 2)
+    }
+    if len(faces) < FACES:
+        return _solid(*heights, kinds[0, 1]) if kinds else heights[0]
+    # The two faces that meet in an edge of another kind than the other edges come first.
+    usual = sum(kinds.values()) >= 2
+    first, second = next((pair for pair, kind in kinds.items() if kind != usual), (0, 1))
+    both = _solid(heights[first], heights[second], kinds[first, second])
+    return _solid(both, heights[FACES - first - second], usual)
+
+
+def _solid(first: float, second: float, convex: bool) -> float:
+    return max(first, second) if convex else min(first, second)
 
 
 def _meet_convex(rule: Contribution, near: Array, first: Array, second: Array) -> bool:
