@@ -113,8 +113,7 @@ def test_the_odd_edge_of_three_faces_comes_first(convex):
     slope = 0.8
     normals = np.array([[0.0, 0.0, -1.0], [0.0, -slope, 1.0], [0.0, slope, 1.0]])
     normals *= (1.0 if convex else -1.0) / np.linalg.norm(normals, axis=1, keepdims=True)
-    centers = np.array([[0.0, 0.0, -0.1], [0.0, -0.2, -0.16], [0.0, 0.2, -0.16]])
-    centers[1:, 2] += 2 * 0.16
+    centers = np.array([[0.0, 0.0, -0.1], [0.0, 0.2, 0.16], [0.0, -0.2, 0.16]])
     frames = np.ascontiguousarray([reference.local_fit.frame_of(normal) for normal in normals])
     rules = reference.Rules(
         centers, frames, np.zeros((3, 6)), np.ones(3), np.full(3, 0.01), np.ones(3)

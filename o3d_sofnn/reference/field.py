@@ -12,6 +12,7 @@ from .neighbors import query
 from .rules import Rules
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 SAME_FACE = (0.2, 0.8)
 """Range of the cosine between two normals above which their rules belong to one face."""
@@ -58,7 +59,7 @@ def evaluate_field(rules: Rules, rbf: Array, terms: NDArray[np.int64], x: Array,
 
 def _combine(rule: Contribution, near: Array, membership: Array, same: Array) -> float:
     free = np.ones(len(near), bool)
-    faces: list[NDArray[np.bool_]] = []
+    faces: list[Mask] = []
     heights: list[float] = []
     while len(faces) < FACES:
         eligible = free & ((near > near.max() + FAINT) | (not faces))
@@ -75,7 +76,7 @@ def _combine(rule: Contribution, near: Array, membership: Array, same: Array) ->
         for i, j in itertools.combinations(range(len(faces)), 2)
     }
     if len(faces) < FACES:
-        return _solid(*heights, kinds[0, 1]) if kinds else heights[0]
+        return _solid(heights[0], heights[1], kinds[0, 1]) if kinds else heights[0]
     # The two faces that meet in an edge of another kind than the other edges come first.
     usual = sum(kinds.values()) >= 2
     first, second = next((pair for pair, kind in kinds.items() if kind != usual), (0, 1))
@@ -87,7 +88,7 @@ def _solid(first: float, second: float, convex: bool) -> float:
     return max(first, second) if convex else min(first, second)
 
 
-def _meet_convex(rule: Contribution, near: Array, first: Array, second: Array) -> bool:
+def _meet_convex(rule: Contribution, near: Array, first: Mask, second: Mask) -> bool:
     """Two faces meet in a convex edge when each lies behind the other; all pairs of rules vote."""
     apart = rule.foot[second] - rule.foot[first][:, None]
     ahead = (apart * rule.normal[first][:, None]).sum(axis=2)  # of a rule of the first face
