@@ -18,6 +18,9 @@ OVERLAP = 1.1
 SIMILAR = (0.15, 0.99)
 """Rules closer than the first, over their radius, whose normals have at least the second as cosine
 are similar and become one."""
+SUPPORTED = 0.1
+"""Share of the neighbourhood that must face the side of a rule: what a handful of points on a wrong
+side say fits them perfectly, and nothing else."""
 RATE = 0.5
 """Step of the gradient descent, over the one that would cancel the mean error of a rule."""
 NEAREST = 12
@@ -60,6 +63,23 @@ def generate(
     return points[new], np.maximum(count, min(8, len(points))), rules.noise[nearest[new]]
 
 
+def discard(rules: RuleBase) -> RuleBase:
+    """Leave out rules that hardly any point of their neighbourhood supports.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Rules fitted with sides.
+
+    Returns
+    -------
+    RuleBase
+        All of them where none is supported.
+    """
+    keep = rules.support >= SUPPORTED
+    return rules.rows(keep) if keep.any() else rules
+
+
 def combine(rules: RuleBase, n_threads: int) -> RuleBase:
     """Combine rules with similar membership functions: of two, the one that fits better stays.
 
@@ -86,8 +106,7 @@ def combine(rules: RuleBase, n_threads: int) -> RuleBase:
     fit = rules.residual / rules.radius
     worse = (fit > fit[other]) | ((fit == fit[other]) & (row > other))
     mutual = other[other] == row
-    keep = ~(alike & near & mutual & worse)
-    return RuleBase(**{name: value[keep] for name, value in vars(rules).items()})
+    return rules.rows(~(alike & near & mutual & worse))
 
 
 def adjust(rules: RuleBase, points: NDArray[np.float64], n_threads: int) -> RuleBase:
@@ -115,24 +134,3 @@ def adjust(rules: RuleBase, points: NDArray[np.float64], n_threads: int) -> Rule
     gradient, share = _kernels.consequent_errors(rules.view(n_threads), points, k, n_threads)
     step = RATE * gradient / np.maximum(share, 1e-12)
     return rules.raised(step)
-
-
-def subtract_noise(rules: RuleBase) -> RuleBase:
-    """Move the consequents inwards by as much as noise moves points outwards on a curved surface.
-
-    A point displaced along the tangent plane of a surface with mean curvature H ends outside of it:
-    noise of variance s^2 in all directions has points on average s^2 H off the surface.
-
-    Parameters
-    ----------
-    rules : RuleBase
-        Oriented rules.
-
-    Returns
-    -------
-    RuleBase
-        The same rules, moved along their normals.
-    """
-    steepest = 1.0 / rules.radius[:, None]  # what is curved more is not resolved by the fit
-    mean_curvature = np.clip(rules.curvatures, -steepest, steepest).mean(axis=1)
-    return rules.raised(-(rules.noise**2) * mean_curvature)

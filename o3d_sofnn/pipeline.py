@@ -15,7 +15,7 @@ from .attributes import attribute_weights
 from .clock import STAGES, Clock, Progress
 from .decimation import decimate
 from .field import Field
-from .growth import adjust, combine, generate, subtract_noise
+from .growth import adjust, combine, discard, generate
 from .local_fit import Scale, choose_scale, find_outliers
 from .octree import sort_unique
 from .orientation import certainty, settle, undecided
@@ -264,17 +264,20 @@ def _learn(
         facing = sides_around(rules.centers, rules.normals, normals, tree, threads)
         centers, size, noise = generate(rules, clean, residual, threads)
         side = infer_normals(rules, centers, threads)[0]
+        across, stretch = rules.ellipses
         rules = fit_rules(
             clean,
             tree,
-            np.concatenate([rules.centers, centers]),
+            np.concatenate([rules.feet, centers]),
             np.concatenate([rules.n_neighbors, size]),
             np.concatenate([rules.noise, noise]),
             threads,
             normals=normals,
             sides=np.concatenate([facing, side]),
+            across=np.concatenate([across, np.zeros_like(centers)]),
+            stretch=np.concatenate([stretch, np.ones(len(centers))]),
         )
-        rules = subtract_noise(adjust(combine(rules, threads), clean, threads))
+        rules = adjust(combine(discard(rules), threads), clean, threads)
         confidence = certainty(rules, threads)
         if not known and towards is None:
             confidence[undecided(rules, threads)] = 0.0

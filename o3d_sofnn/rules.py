@@ -24,6 +24,12 @@ SHAPE_TOLERANCE = 0.02
 """The same over the radius of the fit: what a quadric leaves of a clean shape."""
 ROBUST = 2.0
 """Width of the residual weight in the second fit, over the noise level."""
+UNCERTAIN = 3.0
+"""Curvature that noise may cause, over noise / radius / sqrt(points of the fit)."""
+FLAT = 0.02
+"""Curvature times radius that is none."""
+LONGEST = 2.0
+"""Largest stretch of a neighbourhood."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +37,8 @@ class RuleBase:
     """Rules: an elliptical region of space each, with a quadric as its consequent.
 
     In the frame of rule ``j`` with lengths over its radius, the surface is
-    ``h = c0 + c1 u + c2 v + c3 u^2 + c4 u v + c5 v^2``.
+    ``h = c0 + c1 u + c2 v + c3 u^2 + c4 u v + c5 v^2``, and the region is bounded by
+    ``s u^2 + v^2 / s = 1`` with its stretch ``s``.
 
     Attributes
     ----------
@@ -43,8 +50,12 @@ class RuleBase:
         Consequent quadric, dimensionless.
     radius : (r,) float64
         Radius of the fitted neighbourhood; the tangential width is half of it.
+    stretch : (r,) float64
+        How many times longer than wide the neighbourhood is.
     residual : (r,) float64
         Root-mean-square residual of the fit.
+    support : (r,) float64
+        Share of the neighbourhood that faces the side of the rule, 0 to 1.
     noise : (r,) float64
         Noise level of the region.
     n_neighbors : (r,) int64
@@ -57,7 +68,9 @@ class RuleBase:
     frames: NDArray[np.float64]
     coefficients: NDArray[np.float64]
     radius: NDArray[np.float64]
+    stretch: NDArray[np.float64]
     residual: NDArray[np.float64]
+    support: NDArray[np.float64]
     noise: NDArray[np.float64]
     n_neighbors: NDArray[np.int64]
     confidence: NDArray[np.float64]
@@ -102,6 +115,19 @@ class RuleBase:
         """Weight of each rule in the inference: low where the quadric does not fit, (r,)."""
         return np.asarray(np.exp(-0.5 * np.minimum(self.residual / self.tolerance, 30.0) ** 2))
 
+    @property
+    def ellipses(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Direction of strongest curvature, (r, 3), and how far to stretch a fit across it, (r,)."""
+        c = self.coefficients
+        half = 0.5 * np.arctan2(c[:, 4], c[:, 3] - c[:, 5])
+        mean, spread = c[:, 3] + c[:, 5], np.hypot(c[:, 3] - c[:, 5], c[:, 4])
+        half = np.where(mean < 0.0, half + 0.5 * np.pi, half)
+        across = np.cos(half)[:, None] * self.frames[:, 0] + np.sin(half)[:, None] * self.frames[:, 1]
+        # A curvature that noise alone may cause says nothing about the direction.
+        floor = UNCERTAIN * self.noise / self.radius / np.sqrt(self.n_neighbors) + FLAT
+        strong, weak = 0.5 * (np.abs(mean) + spread), 0.5 * np.abs(np.abs(mean) - spread)
+        return across, np.clip(((strong + floor) / (weak + floor)) ** 0.5, 1.0, LONGEST)
+
     def facing(self, side: NDArray[np.float64]) -> RuleBase:
         """Turn every rule whose normal has a negative product with its row of `side`."""
         sign = np.where(np.einsum("rd,rd->r", self.normals, side) < 0, -1.0, 1.0)
@@ -133,10 +159,15 @@ class RuleBase:
             np.ascontiguousarray(self.frames),
             np.ascontiguousarray(self.coefficients),
             self.radius,
+            self.stretch,
             self.tolerance,
             self.quality,
             n_threads,
         )
+
+    def rows(self, index: NDArray[np.bool_]) -> RuleBase:
+        """Some of the rules."""
+        return RuleBase(**{name: value[index] for name, value in vars(self).items()})
 
     def joined(self, other: RuleBase) -> RuleBase:
         """Both rule bases, this one first."""
@@ -266,6 +297,8 @@ def fit_rules(
     normals: NDArray[np.float64] | None = None,
     sides: NDArray[np.float64] | None = None,
     confidence: NDArray[np.float64] | None = None,
+    across: NDArray[np.float64] | None = None,
+    stretch: NDArray[np.float64] | None = None,
 ) -> RuleBase:
     """Fit one quadric around each centre (Algorithm 1, steps 3 and 5).
 
@@ -294,16 +327,19 @@ def fit_rules(
     -------
     RuleBase
     """
+    stretch = np.ones(len(centers)) if stretch is None else stretch
     robust = ROBUST * noise if normals is not None else np.zeros(len(centers))
     _, frames, coefficients, info = _kernels.fit_rules(
-        tree, points, centers, n_neighbors, robust, 3, normals, sides, n_threads
+        tree, points, centers, n_neighbors, robust, 3, normals, sides, across, stretch, n_threads
     )
     rules = RuleBase(
         centers,
         np.asarray(frames),
         np.asarray(coefficients),
         np.maximum(info[:, 2], 1e-300),
+        stretch,
         np.asarray(info[:, 0]),
+        np.asarray(info[:, 4]),
         noise,
         n_neighbors,
         np.ones(len(centers)) if confidence is None else confidence,

@@ -118,7 +118,7 @@ NB_MODULE(_kernels, m) {
                 load_points(p.data(), nullptr, nullptr, 0.0, c, s);
                 for (size_t j = 0; j < ns; ++j) {
                   const int64_t k = std::min<int64_t>(scales.data()[j], s.neighbors.size());
-                  const LocalFit f = fit_quadric(c, k, sq_radius[j], 0.0, 0, s);
+                  const LocalFit f = fit_quadric(c, k, sq_radius[j], {}, 0.0, 0, s);
                   const size_t o = i * ns + j;
                   store(&normal[3 * o], f.normal);
                   info[4 * o] = f.rms, info[4 * o + 1] = f.slope_error, info[4 * o + 2] = f.radius, info[4 * o + 3] = f.surface_variation;
@@ -132,36 +132,43 @@ NB_MODULE(_kernels, m) {
 
   m.def("fit_rules",
         [](const KdTree& t, Points p, Points centers, Ints neighbors, Doubles robust, int iterations,
-           std::optional<Points> normals, std::optional<Points> sides, int threads) {
+           std::optional<Points> normals, std::optional<Points> sides, std::optional<Points> across, Doubles stretch, int threads) {
           const size_t n = centers.shape(0);
-          std::vector<double> foot(3 * n), frame(9 * n), coef(6 * n), info(4 * n);
+          std::vector<double> foot(3 * n), frame(9 * n), coef(6 * n), info(5 * n);
           {
             nb::gil_scoped_release release;
             parallel_for(n, 64, threads, [&](int64_t lo, int64_t hi) {
               FitScratch s;
               for (int64_t i = lo; i < hi; ++i) {
                 const Vec3 c = load(centers.data() + 3 * i);
-                t.nearest(c, neighbors.data()[i], 1e300, s.neighbors);
+                Ellipse ellipse;
+                if (across) {
+                  ellipse.stretch = stretch.data()[i], ellipse.across = load(across->data() + 3 * i);
+                  ellipse.along = unit(cross(load(sides->data() + 3 * i), ellipse.across));
+                }
+                const auto k = static_cast<int64_t>(std::lround(neighbors.data()[i] * ellipse.stretch));
+                t.nearest(c, k, 1e300, s.neighbors);
                 load_points(p.data(), normals ? normals->data() : nullptr, sides ? sides->data() + 3 * i : nullptr, robust.data()[i], c, s);
-                const LocalFit f = fit_quadric(c, s.neighbors.size(), s.neighbors.sq_radius(), robust.data()[i], iterations, s);
+                const LocalFit f = fit_quadric(c, s.neighbors.size(), s.neighbors.sq_radius(), ellipse, robust.data()[i], iterations, s);
                 store(&foot[3 * i], f.foot);
                 store(&frame[9 * i], f.frame.t1), store(&frame[9 * i + 3], f.frame.t2), store(&frame[9 * i + 6], f.frame.n);
                 for (int q = 0; q < 6; ++q) coef[6 * i + q] = f.coefficients[q];
-                info[4 * i] = f.rms, info[4 * i + 1] = f.slope_error, info[4 * i + 2] = f.radius, info[4 * i + 3] = f.surface_variation;
+                const double what[5] = {f.rms, f.slope_error, f.radius, f.surface_variation, f.support};
+                std::copy_n(what, 5, &info[5 * i]);
               }
             });
           }
-          return nb::make_tuple(array(std::move(foot), {n, 3}), array(std::move(frame), {n, 3, 3}), array(std::move(coef), {n, 6}), array(std::move(info), {n, 4}));
+          return nb::make_tuple(array(std::move(foot), {n, 3}), array(std::move(frame), {n, 3, 3}), array(std::move(coef), {n, 6}), array(std::move(info), {n, 5}));
         },
-        "tree"_a, "points"_a, "centers"_a, "n_neighbors"_a, "robust"_a, "iterations"_a, "normals"_a.none(), "sides"_a.none(), "n_threads"_a);
+        "tree"_a, "points"_a, "centers"_a, "n_neighbors"_a, "robust"_a, "iterations"_a, "normals"_a.none(), "sides"_a.none(), "across"_a.none(), "stretch"_a, "n_threads"_a);
 
   nb::class_<RuleView>(m, "RuleView")
       .def_prop_ro("size", [](const RuleView& v) { return v.rules.size(); })
       .def("__init__",
-           [](RuleView* v, Points centers, Frames frames, Coefficients coef, Doubles radius, Doubles tolerance, Doubles quality, int threads) {
-             new (v) RuleView(centers.data(), frames.data(), coef.data(), radius.data(), tolerance.data(), quality.data(), centers.shape(0), threads);
+           [](RuleView* v, Points centers, Frames frames, Coefficients coef, Doubles radius, Doubles stretch, Doubles tolerance, Doubles quality, int threads) {
+             new (v) RuleView(centers.data(), frames.data(), coef.data(), radius.data(), stretch.data(), tolerance.data(), quality.data(), centers.shape(0), threads);
            },
-           "centers"_a, "frames"_a, "coefficients"_a, "radius"_a, "tolerance"_a, "quality"_a, "n_threads"_a, nb::call_guard<nb::gil_scoped_release>());
+           "centers"_a, "frames"_a, "coefficients"_a, "radius"_a, "stretch"_a, "tolerance"_a, "quality"_a, "n_threads"_a, nb::call_guard<nb::gil_scoped_release>());
 
   m.def("infer_normals",
         [](const RuleView& rules, Points x, std::optional<Points> sides, int64_t k, int threads) {

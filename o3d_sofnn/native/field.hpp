@@ -51,11 +51,12 @@ inline bool meet_convex(const Faces& s, int a, int b) {
 
 inline double as_solids(double a, double b, bool convex) { return convex ? std::max(a, b) : std::min(a, b); }
 
-// Membership in the tangent plane: its logarithm is so many times the squared distance over the radius.
-constexpr double kReach = 2;
+// Membership in the tangent plane: its logarithm is so many times the squared distance, 1 at the edge of the ellipse.
+// Narrower than in the inference of normals: a quadric drifts away from the surface faster than its normal does.
+constexpr double kReach = 4;
 
 // Least width of the membership in the residual, over the radius.
-constexpr double kBlur = 0.35;
+constexpr double kBlur = 0.2;
 
 SOFNN_INLINE double wendland_lane(double t2) {
   const double t = std::sqrt(t2 < 1 ? t2 : 1.0), s = (1 - t) * (1 - t);
@@ -66,7 +67,7 @@ SOFNN_INLINE double wendland_lane(double t2) {
 SOFNN_CLONES inline void evaluate_implicit(const Run& run, const Rule& rule, const double* SOFNN_RESTRICT terms,
                                            int64_t n_terms, const double* SOFNN_RESTRICT sq,
                                            FieldRule* SOFNN_RESTRICT out) {
-  const double inv = 1 / rule.radius, radius = rule.radius;
+  const double inv = 1 / rule.radius, radius = rule.radius, narrow = rule.stretch, wide = 1 / rule.stretch;
   const double inv_tolerance = 1 / std::max(rule.tolerance, kBlur * radius), quality = rule.log_quality;
   const Vec3 c = rule.center, t1 = rule.frame.t1, t2 = rule.frame.t2, t3 = rule.frame.n;
   const double q[6] = {rule.coefficients[0], rule.coefficients[1], rule.coefficients[2],
@@ -76,7 +77,7 @@ SOFNN_CLONES inline void evaluate_implicit(const Run& run, const Rule& rule, con
   for (int l = 0; l < kLanes; ++l) {
     const double dx = inv * (run.x[l] - c.x), dy = inv * (run.y[l] - c.y), dz = inv * (run.z[l] - c.z);
     const double u = t1.x * dx + t1.y * dy + t1.z * dz, v = t2.x * dx + t2.y * dy + t2.z * dz;
-    const double square = u * u + v * v;
+    const double square = narrow * u * u + wide * v * v;
     const double shrink = inverse_sqrt(square > 1 ? square : 1);  // no extrapolation beyond the data of the quadric
     us[l] = u * shrink, vs[l] = v * shrink, hs[l] = t3.x * dx + t3.y * dy + t3.z * dz;
     squares[l] = square, more[l] = 0;

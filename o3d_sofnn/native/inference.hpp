@@ -73,6 +73,7 @@ SOFNN_CLONES inline void find_limits(const Lanes* SOFNN_RESTRICT sq, int64_t m, 
 SOFNN_CLONES inline void evaluate_rule(const Run& run, const Rule& rule, const double* SOFNN_RESTRICT sq,
                                        RunRule* SOFNN_RESTRICT out, double* SOFNN_RESTRICT best) {
   const double inv = 1 / rule.radius, radius = rule.radius, inv_tolerance = 1 / rule.tolerance;
+  const double narrow = rule.stretch, wide = 1 / rule.stretch;
   const Vec3 c = rule.center, a = inv * rule.frame.t1, b = inv * rule.frame.t2, n = inv * rule.frame.n;
   const Vec3 t1 = rule.frame.t1, t2 = rule.frame.t2, t3 = rule.frame.n;
   const double q[6] = {rule.coefficients[0], rule.coefficients[1], rule.coefficients[2],
@@ -86,7 +87,7 @@ SOFNN_CLONES inline void evaluate_rule(const Run& run, const Rule& rule, const d
     const double dx = x[l] - c.x, dy = y[l] - c.y, dz = z[l] - c.z;
     double u = a.x * dx + a.y * dy + a.z * dz, v = b.x * dx + b.y * dy + b.z * dz;
     const double h = n.x * dx + n.y * dy + n.z * dz;
-    const double square = u * u + v * v;
+    const double square = narrow * u * u + wide * v * v;
     const double shrink = inverse_sqrt(square > 1 ? square : 1);  // no extrapolation beyond the data of the quadric
     u *= shrink, v *= shrink;
     double arc, qu, qv;

@@ -32,6 +32,12 @@ inline Frame frame_of(Vec3 n) {
   return {{1 + s * n.x * n.x * a, s * b, -s * n.x}, {b, s + n.y * n.y * a, -n.y}, n};
 }
 
+// The frame whose first tangent is nearest to a direction, which must not be that of the normal.
+inline Frame frame_along(Vec3 n, Vec3 direction) {
+  const Vec3 t1 = unit(direction - dot(direction, n) * n);
+  return {t1, cross(n, t1), n};
+}
+
 // Eigenvectors of a symmetric 3x3 matrix (xx, xy, xz, yy, yz, zz) by cyclic Jacobi rotations;
 // eigenvalues ascend, vectors are the rows of v.
 inline void eigen_symmetric3(const double m[6], double value[3], Vec3 v[3]) {

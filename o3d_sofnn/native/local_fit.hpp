@@ -6,10 +6,11 @@
 namespace sofnn {
 
 // One fit: a frame at the foot point of the centre and heights h = c0 + c1 u + c2 v + c3 u^2 + c4 uv + c5 v^2
-// in that frame, lengths in units of the radius. slope_error: standard error of the normal in radians.
+// in that frame, lengths in units of the radius. slope_error: standard error of the normal in radians. support: share of
+// the neighbourhood that faces the side of the fit.
 struct LocalFit {
   Vec3 normal, foot;
-  double rms, slope_error, radius, surface_variation;
+  double rms, slope_error, radius, surface_variation, support;
   double coefficients[6];
   Frame frame;
 };
@@ -50,15 +51,27 @@ inline void load_points(const double* points, const double* normals, const doubl
   }
 }
 
-// Weights that fall to zero at the radius, and their moments up to second order, lengths over the radius.
+// An elliptical neighbourhood: so many times narrower along one tangent and wider along the other than a circle of the
+// same area has the root of it.
+struct Ellipse {
+  Vec3 across, along;
+  double stretch = 1;
+};
+
+// Weights that fall to zero at the edge of the ellipse, and their moments up to second order, lengths over the radius.
 SOFNN_CLONES inline void weigh(const double* SOFNN_RESTRICT x, const double* SOFNN_RESTRICT y,
                                const double* SOFNN_RESTRICT z, const double* SOFNN_RESTRICT factor, int64_t n,
-                               double inv, double* SOFNN_RESTRICT weight, double* SOFNN_RESTRICT moments) {
-  double s = 0, sx = 0, sy = 0, sz = 0, xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
+                               double inv, const Ellipse& ellipse, double* SOFNN_RESTRICT weight,
+                               double* SOFNN_RESTRICT moments, double* SOFNN_RESTRICT share) {
+  const Vec3 s1 = ellipse.across, s2 = ellipse.along;
+  const double more = ellipse.stretch - 1, less = 1 - 1 / ellipse.stretch;
+  double everything = 0, s = 0, sx = 0, sy = 0, sz = 0, xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
   for (int64_t i = 0; i < n; ++i) {
     const double a = inv * x[i], b = inv * y[i], c = inv * z[i];
-    const double rest = 1 - (a * a + b * b + c * c);
-    const double w = (rest > 0 ? rest : 0) * factor[i];
+    const double u = a * s1.x + b * s1.y + c * s1.z, v = a * s2.x + b * s2.y + c * s2.z;
+    const double rest = 1 - (a * a + b * b + c * c + more * u * u - less * v * v);
+    const double near = rest > 0 ? rest : 0, w = near * factor[i];
+    everything += near;
     const double wa = w * a, wb = w * b, wc = w * c;
     weight[i] = w;
     s += w, sx += wa, sy += wb, sz += wc;
@@ -66,6 +79,7 @@ SOFNN_CLONES inline void weigh(const double* SOFNN_RESTRICT x, const double* SOF
   }
   const double all[10] = {s, sx, sy, sz, xx, xy, xz, yy, yz, zz};
   for (int i = 0; i < 10; ++i) moments[i] = all[i];
+  *share = s / std::max(everything, 1e-300);
 }
 
 SOFNN_CLONES inline void turn(const double* SOFNN_RESTRICT x, const double* SOFNN_RESTRICT y,
@@ -170,13 +184,14 @@ SOFNN_CLONES inline void subtract_arcs(const double* SOFNN_RESTRICT us, const do
 
 // Weighted quadric over the first k points of s, the farthest of which is known. robust > 0 weights residuals by
 // exp(-r^2 / (2 robust^2)), iterated.
-inline LocalFit fit_quadric(Vec3 center, int64_t k, double sq_radius, double robust, int iterations, FitScratch& s) {
+inline LocalFit fit_quadric(Vec3 center, int64_t k, double sq_radius, const Ellipse& ellipse, double robust, int iterations,
+                            FitScratch& s) {
   LocalFit fit{};
-  const double radius = std::sqrt(sq_radius) * 1.1, inv = radius > 0 ? 1 / radius : 0;
+  const double radius = std::sqrt(sq_radius / ellipse.stretch) * 1.1, inv = radius > 0 ? 1 / radius : 0;
   fit.radius = radius;
 
   double m[10], value[3];
-  weigh(s.x.data(), s.y.data(), s.z.data(), s.factor.data(), k, inv, s.weight.data(), m);
+  weigh(s.x.data(), s.y.data(), s.z.data(), s.factor.data(), k, inv, ellipse, s.weight.data(), m, &fit.support);
   const double total = std::max(m[0], 1e-300), mean[3] = {m[1] / total, m[2] / total, m[3] / total};
   const double covariance[6] = {m[4] / total - mean[0] * mean[0], m[5] / total - mean[0] * mean[1],
                                 m[6] / total - mean[0] * mean[2], m[7] / total - mean[1] * mean[1],
@@ -184,7 +199,7 @@ inline LocalFit fit_quadric(Vec3 center, int64_t k, double sq_radius, double rob
   Vec3 axis[3];
   eigen_symmetric3(covariance, value, axis);
   fit.surface_variation = value[0] / std::max(value[0] + value[1] + value[2], 1e-300);
-  fit.frame = frame_of(unit(axis[0]));
+  fit.frame = ellipse.stretch > 1 ? frame_along(unit(axis[0]), ellipse.across) : frame_of(unit(axis[0]));
   const Frame scaled{inv * fit.frame.t1, inv * fit.frame.t2, inv * fit.frame.n};
   turn(s.x.data(), s.y.data(), s.z.data(), k, scaled, s.u.data(), s.v.data(), s.h.data());
 

@@ -12,7 +12,7 @@ constexpr double kConcentration = 25, kCleanTolerance = 0.02;
 struct Rule {
   Vec3 center;
   Frame frame;
-  double coefficients[6], radius, tolerance, quality, log_quality, concentration;
+  double coefficients[6], radius, stretch, tolerance, quality, log_quality, concentration;
 };
 
 // The rules of a rule base, one record each, and a tree over their centres.
@@ -21,7 +21,7 @@ struct RuleView {
   std::vector<Rule> rules;
 
   RuleView(const double* centers, const double* frames, const double* coefficients, const double* radius,
-           const double* tolerance, const double* quality, int64_t n, int threads)
+           const double* stretch, const double* tolerance, const double* quality, int64_t n, int threads)
       : tree(centers, n, threads), rules(n) {
     for (int64_t i = 0; i < n; ++i) {
       const double *f = frames + 9 * i, *q = coefficients + 6 * i;
@@ -29,7 +29,7 @@ struct RuleView {
       r.center = load(centers + 3 * i);
       r.frame = {load(f), load(f + 3), load(f + 6)};
       std::copy(q, q + 6, r.coefficients);
-      r.radius = radius[i], r.tolerance = tolerance[i], r.quality = quality[i];
+      r.radius = radius[i], r.stretch = stretch[i], r.tolerance = tolerance[i], r.quality = quality[i];
       r.log_quality = std::log(std::max(quality[i], 1e-300));
       r.concentration = kConcentration * std::max(tolerance[i] / radius[i] - kCleanTolerance, 0.0);
     }

@@ -20,7 +20,9 @@ FACES = 3
 """Largest number of faces that meet."""
 FAINT = -3.0
 """Logarithm of the least membership of a face, over the largest one."""
-BLUR = 0.35
+REACH = 4.0
+"""Steepness of the membership in the tangent plane."""
+BLUR = 0.2
 """Least width of the membership in the residual, over the radius."""
 
 
@@ -49,7 +51,7 @@ def evaluate_field(rules: Rules, rbf: Array, terms: NDArray[np.int64], x: Array,
     for row, index in enumerate(nearest):
         local = rules.rows(index)
         rule = contributions(x[row], local, [rbf[number, : terms[number]] for number in index])
-        near = -2.0 * rule.reach + np.log(np.maximum(local.quality, 1e-300))
+        near = -REACH * rule.reach + np.log(np.maximum(local.quality, 1e-300))
         z = rule.residual / np.maximum(local.tolerance, BLUR * local.radius)
         # The noisier a rule is, the more its neighbours may differ for no reason but noise.
         same = np.clip(0.9 - 5.0 * local.tolerance / local.radius, *SAME_FACE)

@@ -22,7 +22,7 @@ class Contribution(NamedTuple):
     """What the nearest rules say about one place, one row a rule."""
 
     reach: Array
-    """Squared distance in the tangent plane, over the radius."""
+    """Squared distance in the tangent plane, 1 at the edge of the ellipse."""
     residual: Array
     """Signed distance to the local surface, in the unit of the points."""
     normal: Array
@@ -47,10 +47,10 @@ def contributions(place: Array, rules: Rules, terms: list[Array] | None = None) 
     -------
     Contribution
     """
-    centers, frames, coefficients, radius, _, _ = rules
+    centers, frames, coefficients, radius, stretch, _, _ = rules
     d = (place - centers) / radius[:, None]
     u, v, h = np.einsum("kad,kd->ak", frames, d)
-    reach = u**2 + v**2
+    reach = stretch * u**2 + v**2 / stretch
     inside = 1.0 / np.sqrt(np.maximum(reach, 1.0))  # no extrapolation beyond the data of the fit
     u, v = u * inside, v * inside
     height = quadric_height(coefficients, u, v)

@@ -56,7 +56,7 @@ def fit_scales(points: Array, centers: Array, scales: NDArray[np.int64]) -> tupl
     for row, center in enumerate(centers):
         for column, size in enumerate(scales):
             fit = fit_quadric(points, center, int(size))
-            normals[row, column], info[row, column] = fit.normal, fit.info
+            normals[row, column], info[row, column] = fit.normal, fit.info[:4]
     return normals, info
 
 
@@ -68,6 +68,8 @@ def fit_rules(
     iterations: int,
     normals: Array | None,
     sides: Array | None,
+    across: Array | None,
+    stretch: Array,
 ) -> tuple[Array, Array, Array, Array]:
     """Fit the consequent quadric of every rule (Algorithm 1, steps 3 and 5).
 
@@ -87,6 +89,10 @@ def fit_rules(
         Oriented normals of points and rules: points enter by the square of the cosine between the
         two (where there is noise, small angles do not count), and hardly at all where they face
         the other way.
+    across : (m, 3) float64 or None
+        Unit tangents along which the neighbourhoods are narrow.
+    stretch : (m,) float64
+        How many times longer than wide they are; they cover the same area.
 
     Returns
     -------
@@ -96,8 +102,8 @@ def fit_rules(
         Rows: two tangents and the normal of the plane.
     coefficients : (m, 6) float64
         Of the quadrics, dimensionless.
-    info : (m, 4) float64
-        As in :func:`fit_scales`.
+    info : (m, 5) float64
+        As in :func:`fit_scales`, and the share of the neighbourhood that faces the side.
     """
     fits = [
         fit_quadric(
@@ -108,6 +114,8 @@ def fit_rules(
             iterations=iterations,
             normals=normals,
             side=None if sides is None else sides[row],
+            across=None if across is None else across[row],
+            stretch=float(stretch[row]),
         )
         for row, center in enumerate(centers)
     ]
@@ -128,6 +136,8 @@ def fit_quadric(
     iterations: int = 0,
     normals: Array | None = None,
     side: Array | None = None,
+    across: Array | None = None,
+    stretch: float = 1.0,
 ) -> Fit:
     """Fit one plane and, in its frame, one quadric by weighted least squares.
 
@@ -147,25 +157,38 @@ def fit_quadric(
         Oriented normals of the points.
     side : (3,) float64, optional
         Oriented normal at the centre.
+    across : (3,) float64, optional
+        Unit tangent along which the neighbourhood is narrow.
+    stretch : float, default 1.0
+        How many times longer than wide it is.
 
     Returns
     -------
     Fit
     """
-    distance, index = query(points, center[None], min(n_neighbors, len(points)), np.inf)
-    radius = RADIUS * distance[0, -1]
+    count = int(np.floor(n_neighbors * stretch + 0.5))
+    distance, index = query(points, center[None], min(count, len(points)), np.inf)
+    radius = RADIUS * distance[0, -1] / np.sqrt(stretch)
     local = (points[index[0]] - center) * (1.0 / radius if radius > 0.0 else 0.0)
-    weight = np.maximum(1.0 - (local**2).sum(axis=1), 0.0)
+    near = 1.0 - (local**2).sum(axis=1)
+    if across is not None and side is not None:
+        along = np.cross(side, across) / np.linalg.norm(np.cross(side, across))
+        near -= (stretch - 1.0) * (local @ across) ** 2 + (1.0 / stretch - 1.0) * (local @ along) ** 2
+    near = np.maximum(near, 0.0)
+    weight = near
     if normals is not None and side is not None:
         gain = 1.0 + NOISY_NORMALS * robust / max(distance[0, -1], 1e-300)
         agree = np.minimum(gain * np.maximum(normals[index[0]] @ side, 0.0), 1.0)
         weight = weight * (agree**2 + 1e-6)
 
     total = max(weight.sum(), 1e-300)
+    support = weight.sum() / max(near.sum(), 1e-300)
     mean = weight @ local / total
     covariance = (weight[:, None] * local).T @ local / total - np.outer(mean, mean)
     value, vector = np.linalg.eigh(covariance)
     frame = frame_of(vector[:, 0])
+    if across is not None and stretch > 1.0:
+        frame = frame_along(vector[:, 0], across)
     u, v, h = frame @ local.T
 
     basis = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
@@ -195,7 +218,7 @@ def fit_quadric(
         foot=center + radius * coefficients[0] * n,
         frame=frame,
         coefficients=coefficients,
-        info=np.array([rms * radius, slope_error, radius, variation]),
+        info=np.array([rms * radius, slope_error, radius, variation, support]),
     )
 
 
@@ -216,6 +239,13 @@ def arc_over_parabola(parabola: Array, sq_distance: Array) -> Array:
     """
     steep = np.minimum(4.0 * parabola**2 / np.maximum(sq_distance, 1e-30), STEEPEST)
     return np.asarray(2.0 / (1.0 + np.sqrt(1.0 - steep)))
+
+
+def frame_along(normal: Array, direction: Array) -> Array:
+    """Frame of a unit normal whose first tangent is nearest to a direction, (3, 3)."""
+    tangent = direction - (direction @ normal) * normal
+    tangent /= np.linalg.norm(tangent)
+    return np.array([tangent, np.cross(normal, tangent), normal])
 
 
 def frame_of(normal: Array) -> Array:

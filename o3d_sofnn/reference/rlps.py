@@ -83,7 +83,7 @@ def reconstruct_units(
     worst : (r, 3) float64
         Point that has it; the centre where there is none.
     """
-    centers, frames, coefficients, radius, _, _ = rules
+    centers, frames, coefficients, radius, *_ = rules
     n = len(centers)
     rbf, terms = np.zeros((n, CENTERS + OFFSETS, 4)), np.zeros(n, np.int64)
     error, worst = np.zeros(n), centers.copy()

@@ -21,6 +21,8 @@ class Rules(NamedTuple):
     """Quadrics, lengths over the radius, (r, 6)."""
     radius: Array
     """Radii of the fits, in the unit of the points, (r,)."""
+    stretch: Array
+    """How many times longer than wide the neighbourhoods are, (r,)."""
     tolerance: Array
     """Width of the Gaussian in the residual, in the unit of the points, (r,)."""
     quality: Array
