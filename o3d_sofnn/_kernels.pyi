@@ -62,16 +62,20 @@ def fit_rules(
     iterations: int,
     normals: _Floats | None,
     sides: _Floats | None,
+    across: _Floats | None,
+    stretch: _Floats,
     n_threads: int,
 ) -> tuple[_Floats, _Floats, _Floats, _Floats]:
     """Fit one quadric around each centre, to its own number of neighbours (r,).
 
     `robust` (r,) is the width of a residual weight that is iterated, 0 for none; with `normals`
-    (n, 3) and `sides` (r, 3) points that face away from their rule do not count.
+    (n, 3) and `sides` (r, 3) points that face away from their rule do not count; with `across`
+    (r, 3), tangents of the sides, neighbourhoods are ellipses that are narrow along these, and
+    `stretch` (r,) times longer than wide.
 
     Returns feet (r, 3), frames (r, 3, 3) with rows tangent, tangent, normal, coefficients (r, 6) of
-    ``h = c0 + c1 u + c2 v + c3 u^2 + c4 uv + c5 v^2`` with lengths over the radius, and (r, 4) as
-    :func:`fit_scales`.
+    ``h = c0 + c1 u + c2 v + c3 u^2 + c4 uv + c5 v^2`` with lengths over the radius, and (r, 5) as
+    :func:`fit_scales`, with the share of the neighbourhood that faces the side.
     """
 
 class RuleView:
@@ -82,7 +86,7 @@ class RuleView:
     centers : (r, 3) float64
     frames : (r, 3, 3) float64
     coefficients : (r, 6) float64
-    radius, tolerance, quality : (r,) float64
+    radius, stretch, tolerance, quality : (r,) float64
     n_threads : int
     """
 
@@ -92,6 +96,7 @@ class RuleView:
         frames: _Floats,
         coefficients: _Floats,
         radius: _Floats,
+        stretch: _Floats,
         tolerance: _Floats,
         quality: _Floats,
         n_threads: int,

@@ -117,12 +117,14 @@ class RuleBase:
 
     @property
     def ellipses(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Direction of strongest curvature, (r, 3), and how far to stretch a fit across it, (r,)."""
+        """Direction of strongest curvature, (r, 3), and stretch along the other one, (r,)."""
         c = self.coefficients
         half = 0.5 * np.arctan2(c[:, 4], c[:, 3] - c[:, 5])
         mean, spread = c[:, 3] + c[:, 5], np.hypot(c[:, 3] - c[:, 5], c[:, 4])
         half = np.where(mean < 0.0, half + 0.5 * np.pi, half)
-        across = np.cos(half)[:, None] * self.frames[:, 0] + np.sin(half)[:, None] * self.frames[:, 1]
+        across = (
+            np.cos(half)[:, None] * self.frames[:, 0] + np.sin(half)[:, None] * self.frames[:, 1]
+        )
         # A curvature that noise alone may cause says nothing about the direction.
         floor = UNCERTAIN * self.noise / self.radius / np.sqrt(self.n_neighbors) + FLAT
         strong, weak = 0.5 * (np.abs(mean) + spread), 0.5 * np.abs(np.abs(mean) - spread)
@@ -166,7 +168,7 @@ class RuleBase:
         )
 
     def rows(self, index: NDArray[np.bool_]) -> RuleBase:
-        """Some of the rules."""
+        """Pick some of the rules."""
         return RuleBase(**{name: value[index] for name, value in vars(self).items()})
 
     def joined(self, other: RuleBase) -> RuleBase:
@@ -322,6 +324,9 @@ def fit_rules(
         other way: the two sides of a thin sheet and the two faces of an edge are kept apart.
     confidence : (r,) float64, optional
         Of the sides, kept with the rules; 1 when not given.
+    across, stretch : (r, 3) and (r,) float64, optional
+        Tangents along which the neighbourhoods are narrow, and how many times longer than wide
+        they are, at the same area. Round when not given.
 
     Returns
     -------

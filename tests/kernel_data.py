@@ -18,9 +18,10 @@ def random_rules(n=300, seed=0):
     frames = np.array([reference.local_fit.frame_of(normal) for normal in normals])
     coefficients = rng.normal(0.0, 0.2, (n, 6))
     radius = rng.uniform(0.2, 0.5, n)
+    stretch = rng.uniform(1.0, 2.0, n)
     tolerance = rng.uniform(0.02, 0.2, n) * radius
     quality = np.where(rng.random(n) < 0.1, 0.0, rng.uniform(0.0, 1.0, n))
-    return reference.Rules(centers, frames, coefficients, radius, tolerance, quality)
+    return reference.Rules(centers, frames, coefficients, radius, stretch, tolerance, quality)
 
 
 def view(rules):
@@ -47,13 +48,13 @@ def unit_data(points, normals, tolerance=0.002):
     tree = _kernels.KdTree(points, 1)
     sizes = np.full(n, 40)
     _, frames, coefficients, info = _kernels.fit_rules(
-        tree, points, centers, sizes, np.zeros(n), 0, None, None, 1
+        tree, points, centers, sizes, np.zeros(n), 0, None, None, None, np.ones(n), 1
     )
     frames, coefficients = np.array(frames), np.array(coefficients)
     inward = (frames[:, 2] * normals[::15]).sum(axis=1) < 0.0
     frames[inward, 1:] *= -1.0
     coefficients[inward] *= MIRROR
     radius = np.ascontiguousarray(info[:, 2])
-    rules = reference.Rules(centers, frames, coefficients, radius, np.ones(n), np.ones(n))
+    rules = reference.Rules(centers, frames, coefficients, radius, *np.ones((3, n)))
     own = np.where(np.arange(n) < n // 2, 20, 40)
     return points, normals, rules, sizes, own, np.full(n, tolerance)

@@ -126,8 +126,8 @@ def test_fits_of_several_scales(noise, factor):
 
 
 @pytest.mark.parametrize("iterations", [0, 3])
-@pytest.mark.parametrize("sided", [False, True])
-def test_fits_of_rules(sided, iterations):
+@pytest.mark.parametrize(("sided", "stretched"), [(False, False), (True, False), (True, True)])
+def test_fits_of_rules(sided, stretched, iterations):
     shape = box(500)
     points, truth = shape.noisy(0.01)
     centers = points[::12] + 0.002
@@ -136,9 +136,12 @@ def test_fits_of_rules(sided, iterations):
     sides = np.ascontiguousarray(truth[::12]) if sided else None
     normals = truth if sided else None
     tree = _kernels.KdTree(points, 1)
-    found = _kernels.fit_rules(tree, points, centers, size, robust, iterations, normals, sides, 2)
+    stretch = np.linspace(1.0, 2.0, len(centers)) if stretched else np.ones(len(centers))
+    across = sides[:, [1, 2, 0]] if stretched else None
+    options = normals, sides, across, stretch
+    found = _kernels.fit_rules(tree, points, centers, size, robust, iterations, *options, 2)
     feet, frames, coefficients, info = map(np.asarray, found)
-    expected = reference.fit_rules(points, centers, size, robust, iterations, normals, sides)
+    expected = reference.fit_rules(points, centers, size, robust, iterations, *options)
 
     sign = np.sign((frames[:, 2] * expected[1][:, 2]).sum(axis=1))[:, None]
     turned = frames * np.stack([np.ones_like(sign), sign, sign], axis=1)
@@ -154,7 +157,9 @@ def test_frames_are_right_handed_and_orthonormal():
     tree = _kernels.KdTree(points, 1)
     sizes, robust = np.full(300, 20), np.zeros(300)
     frames = np.asarray(
-        _kernels.fit_rules(tree, points, points, sizes, robust, 0, None, None, 1)[1]
+        _kernels.fit_rules(
+            tree, points, points, sizes, robust, 0, None, None, None, np.ones(300), 1
+        )[1]
     )
     np.testing.assert_allclose(
         frames @ frames.transpose(0, 2, 1), np.tile(np.eye(3), (300, 1, 1)), atol=1e-12
@@ -239,7 +244,8 @@ def test_results_do_not_depend_on_the_number_of_threads(n_threads):
         yield from tree.query(x, 9, np.inf, threads)
         yield from _kernels.fit_scales(tree, points, points[::7], np.array([8, 27]), threads)
         yield from _kernels.fit_rules(
-            tree, points, points, sizes, robust, 2, normals, normals, threads
+            *(tree, points, points, sizes, robust, 2, normals, normals, normals[:, [1, 2, 0]]),
+            *(np.linspace(1.0, 2.0, len(points)), threads),
         )
         yield _kernels.typical_data(*cells_of(points), 8, 1e-2, threads)
         yield from _kernels.infer_normals(view(rules), x, None, 12, threads)

@@ -56,8 +56,7 @@ def test_inferred_normals_do_not_depend_on_the_other_places():
 
 def test_rules_that_cancel_leave_the_best_one():
     frames = np.array([np.eye(3), np.diag([1.0, -1.0, -1.0])])
-    ones = np.ones(2)
-    rules = reference.Rules(np.zeros((2, 3)), frames, np.zeros((2, 6)), ones, ones, ones)
+    rules = reference.Rules(np.zeros((2, 3)), frames, np.zeros((2, 6)), *np.ones((4, 2)))
     normals, info = _kernels.infer_normals(view(rules), np.zeros((1, 3)), None, 2, 1)
     assert abs(normals[0, 2]) == 1.0
     assert np.isfinite(info).all()
@@ -91,7 +90,7 @@ def corner(convex):
     centers = np.concatenate([np.stack(p, 1) for p in ((zero, a, b), (a, zero, b), (a, b, zero))])
     frames = np.repeat([reference.local_fit.frame_of(n) for n in np.eye(3)], len(a), axis=0)
     n = len(centers)
-    arrays = np.zeros((n, 6)), np.full(n, 0.3), np.full(n, 0.01), np.ones(n)
+    arrays = np.zeros((n, 6)), np.full(n, 0.3), np.ones(n), np.full(n, 0.01), np.ones(n)
     return reference.Rules(np.ascontiguousarray(centers), np.ascontiguousarray(frames), *arrays)
 
 
@@ -176,7 +175,7 @@ def test_a_face_does_not_cut_off_the_points_of_another(convex):
     bent = inward * np.array([0.0, 0.0, 0.0, 0.1, 0.0, 0.0])
     one = np.ones(1)
     rules = reference.Rules(
-        np.array([[inward * 0.1, 0.0, 0.0]]), np.eye(3)[None], bent[None], 0.3 * one, one, one
+        np.array([[inward * 0.1, 0.0, 0.0]]), np.eye(3)[None], bent[None], 0.3 * one, one, one, one
     )
     data = (points, normals, rules, np.array([200]), np.array([200]), 0.001 * one)
     found = reconstruct(data, 1)

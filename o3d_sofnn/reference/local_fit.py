@@ -173,7 +173,9 @@ def fit_quadric(
     near = 1.0 - (local**2).sum(axis=1)
     if across is not None and side is not None:
         along = np.cross(side, across) / np.linalg.norm(np.cross(side, across))
-        near -= (stretch - 1.0) * (local @ across) ** 2 + (1.0 / stretch - 1.0) * (local @ along) ** 2
+        near -= (stretch - 1.0) * (local @ across) ** 2 + (1.0 / stretch - 1.0) * (
+            local @ along
+        ) ** 2
     near = np.maximum(near, 0.0)
     weight = near
     if normals is not None and side is not None:

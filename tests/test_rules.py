@@ -1,0 +1,92 @@
+"""Rules: ellipses that follow the curvature, and rules that no point supports."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+from shapes import plane_patch, sphere, torus
+
+from o3d_sofnn._kernels import KdTree
+from o3d_sofnn.growth import SUPPORTED, discard
+from o3d_sofnn.pipeline import estimate_normals
+from o3d_sofnn.rules import LONGEST, fit_rules
+
+
+def fitted(shape, noise=0.0, **options):
+    points = np.ascontiguousarray(shape.points)
+    centers = points[::20]
+    n = len(centers)
+    return fit_rules(
+        points,
+        KdTree(points, 1),
+        centers,
+        np.full(n, 60),
+        np.full(n, noise),
+        1,
+        normals=shape.normals,
+        sides=shape.normals[::20],
+        **options,
+    )
+
+
+def test_rules_of_a_tube_are_long_along_it():
+    shape = torus(4000, 2.0, 0.25)
+    rules = fitted(shape)
+    across, stretch = rules.ellipses
+    ring = np.cross([0.0, 0.0, 1.0], rules.centers)
+    ring /= np.linalg.norm(ring, axis=1, keepdims=True)
+    assert np.median(np.abs((across * ring).sum(axis=1))) < 0.05
+    assert np.median(stretch) > 1.5
+    assert stretch.max() <= LONGEST
+
+
+def test_rules_of_a_sphere_and_of_a_noisy_plane_are_round():
+    assert np.median(fitted(sphere(4000)).ellipses[1]) < 1.1
+    assert np.median(fitted(plane_patch(4000).noisy(0.005), 0.005).ellipses[1]) < 1.4
+
+
+def test_an_ellipse_covers_as_many_points_as_a_circle():
+    shape = torus(4000, 2.0, 0.5)
+    round_ones = fitted(shape)
+    across, stretch = round_ones.ellipses
+    rules = fitted(shape, across=across, stretch=stretch)
+    long_ones = rules.stretch > 1.5
+    assert long_ones.any()
+    tree = cKDTree(shape.points)
+    inside = []
+    for row in np.flatnonzero(long_ones)[:40]:
+        near = tree.query_ball_point(rules.centers[row], 2.0 * rules.radius[row])
+        u, v, _ = rules.frames[row] @ (shape.points[near] - rules.centers[row]).T
+        s, r = rules.stretch[row], rules.radius[row]
+        inside.append(int((s * u**2 + v**2 / s < r**2).sum()))
+    assert 45 < np.median(inside) < 90
+
+
+def test_rules_that_face_away_from_all_points_are_left_out():
+    shape = sphere(2000)
+    rules = fitted(shape)
+    assert len(discard(rules)) == len(rules)
+    away = np.zeros(len(rules), bool)
+    away[::7] = True
+    points = np.ascontiguousarray(shape.points)
+    sides = np.where(away[:, None], -1.0, 1.0) * shape.normals[::20]
+    wrong = fit_rules(
+        points,
+        KdTree(points, 1),
+        points[::20],
+        np.full(len(rules), 60),
+        np.zeros(len(rules)),
+        1,
+        normals=shape.normals,
+        sides=np.ascontiguousarray(sides),
+    )
+    assert (wrong.support[away] < SUPPORTED).all()
+    np.testing.assert_array_equal(discard(wrong).centers, wrong.centers[~away])
+
+
+def test_every_rule_of_a_noisy_box_is_supported():
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-1.0, 1.0, (4000, 3))
+    points[np.arange(4000), rng.integers(0, 3, 4000)] = rng.choice([-1.0, 1.0], 4000)
+    points += rng.normal(0.0, 0.02, points.shape)
+    assert (estimate_normals(points).rules.support >= SUPPORTED).all()
