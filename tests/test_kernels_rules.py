@@ -115,7 +115,7 @@ def test_the_odd_edge_of_three_faces_comes_first(convex):
     centers = np.array([[0.0, 0.0, -0.1], [0.0, 0.2, 0.16], [0.0, -0.2, 0.16]])
     frames = np.ascontiguousarray([reference.local_fit.frame_of(normal) for normal in normals])
     rules = reference.Rules(
-        centers, frames, np.zeros((3, 6)), np.ones(3), np.full(3, 0.01), np.ones(3)
+        centers, frames, np.zeros((3, 6)), *np.ones((2, 3)), np.full(3, 0.01), np.ones(3)
     )
     x = np.random.default_rng(0).uniform(-0.1, 0.1, (200, 3))
     values = _kernels.evaluate_field(view(rules), *no_terms(3), x, 16, 1)
