@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._kernels import DualWalk
+from .vectors import bounds
 
 Keys = NDArray[np.int64]
 
@@ -45,13 +46,14 @@ class AdaptiveGrid:
     """
 
     def __init__(self, points: NDArray[np.float64], size: float, levels: NDArray[np.int64]) -> None:
-        cells = np.ptp(points, axis=0).max() / size
+        low, high = bounds(points)
+        cells = float((high - low).max()) / size
         if not cells < 2 ** (BITS - 2) - 2**10:
             raise ValueError(f"voxel_size is too small: {cells:.3g} cubes along one axis")
         self.size = size
         self.top = max(int(np.log2(max(cells / COARSEST, 1.0))), int(levels.max()))
-        self.low = points.min(axis=0) - MARGIN * size
-        self.high = points.max(axis=0) + MARGIN * size
+        self.low = low - MARGIN * size
+        self.high = high + MARGIN * size
         self.origin = self.low - size * (4 << self.top)
         self._points, self._levels = points, levels
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._kernels import sort_morton
+from .vectors import longest_side
 
 LEVELS = 21
 """Subdivisions that fit a 64-bit Morton key, three bits each."""
@@ -80,7 +81,7 @@ def build_octree(points: NDArray[np.float64], capacity: int) -> Octree:
         Leaves without points are left out.
     """
     keys, order = sort_morton(points, 1)
-    extent = float(np.ptp(points, axis=0).max())
+    extent = longest_side(points)
     start, stop = np.array([0]), np.array([len(points)])
     done: list[tuple[NDArray[np.int64], float]] = []
     for level in range(LEVELS + 1):

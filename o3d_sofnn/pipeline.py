@@ -28,6 +28,7 @@ from .scale import refine_scale
 from .surface import extract
 from .trimming import cut, drop_strays
 from .validation import affine_rank, thread_count
+from .vectors import bounds
 from .winding import orient_points, seen_from, turned_to
 
 __all__ = ["STAGES", "NormalEstimate", "SurfaceEstimate", "estimate_normals", "reconstruct_surface"]
@@ -226,9 +227,9 @@ def _learn(
     if affine_rank(points) < 2:
         raise ValueError("points are all equal or lie on one line: no surface goes through them")
     with clock.stage("cells"):
-        middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+        low, high = bounds(points)
+        middle, extent = 0.5 * (low + high), float((high - low).max())
         order, inverse = sort_unique(points)
-        extent = float(np.ptp(points, axis=0).max())
         x = np.ascontiguousarray((points[order] - middle) / extent)
     with clock.stage("scale"):
         limit = None if radius is None else radius / extent

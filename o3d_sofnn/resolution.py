@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ._kernels import KdTree
 from .rules import RuleBase
+from .vectors import longest_side
 
 SIDE = 1024
 """Cubes along the longest side that are never too many, however few points a wide scene has; an
@@ -47,9 +48,9 @@ def choose_voxel_size(
     if voxel_size is not None:
         return voxel_size
     if depth is not None:
-        return float(np.ptp(points, axis=0).max() / 2**depth)
+        return float(longest_side(points) / 2**depth)
     wanted = max(0.75 * spacing, 0.15 * float(np.median(rules.radius)))
-    finest = float(np.ptp(points, axis=0).max() / max(SIDE, 1.25 * np.sqrt(len(points))))
+    finest = longest_side(points) / max(SIDE, 1.25 * float(np.sqrt(len(points))))
     return max(wanted, finest)
 
 

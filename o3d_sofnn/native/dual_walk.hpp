@@ -14,12 +14,15 @@ class DualWalk {
   DualWalk(const double* points, int64_t n, const double* origin, double size, const int64_t* levels, int top)
       : refined_(top + 1) {
     for (int level = 0; level < top; ++level) refine(points, n, origin, size, levels, level);
+    int64_t last = -1;  // consecutive points are often in one cube
     for (int64_t i = 0; i < n; ++i) {
       const auto edge = static_cast<double>(int64_t{1} << levels[i]);
       int64_t index[3];
       for (int d = 0; d < 3; ++d)
         index[d] = 2 * static_cast<int64_t>(std::nearbyint((points[3 * i + d] - origin[d]) / size / edge) * edge);
-      visit(pack(index[0], index[1], index[2]));
+      const int64_t cube = pack(index[0], index[1], index[2]);
+      if (cube != last) visit(cube);
+      last = cube;
     }
     look_around();
   }
@@ -56,11 +59,14 @@ class DualWalk {
   // Leaves that touch differ by one level at most: all around a cell there are cells.
   void refine(const double* points, int64_t n, const double* origin, double size, const int64_t* levels, int level) {
     KeyMap own, &divided = refined_[level + 1];
+    int64_t last = -1;
     for (int64_t i = 0; i < n; ++i) {
       if (levels[i] != level) continue;
       int64_t index[3];
       for (int d = 0; d < 3; ++d) index[d] = static_cast<int64_t>((points[3 * i + d] - origin[d]) / size) >> (level + 1);
-      own.insert(pack(index[0], index[1], index[2]), 0);
+      const int64_t cell = pack(index[0], index[1], index[2]);
+      if (cell != last) own.insert(cell, 0);
+      last = cell;
     }
     for (const int64_t key : own.keys())
       for (int64_t z = -1; z <= 1; ++z)

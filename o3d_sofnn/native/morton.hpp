@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 // Points along the Morton curve: interleaved bits of the quantised coordinates, sorted by digits.
 #pragma once
+#include <algorithm>
+
 #include "linalg.hpp"
 #include "parallel.hpp"
 
@@ -39,6 +41,8 @@ inline std::vector<MortonEntry> sort_morton(const double* p, int64_t n, int thre
       entries[i] = {key, i};
     }
   });
+  const auto earlier = [](const MortonEntry& a, const MortonEntry& b) { return a.key < b.key; };
+  if (std::is_sorted(entries.begin(), entries.end(), earlier)) return entries;
   constexpr int kDigit = 11;
   for (int shift = 0; shift < 3 * kMortonBits; shift += kDigit) {
     std::vector<int64_t> start((1 << kDigit) + 1, 0);

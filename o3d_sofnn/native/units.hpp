@@ -20,7 +20,10 @@ inline void unit_points(const KdTree& tree, const double* points, const double* 
   const Frame& f = rule.frame;
   const double *q = rule.coefficients, r = rule.radius;
   const Vec3 side = f.n - q[1] * f.t1 - q[2] * f.t2;
-  tree.nearest_sorted(rule.center, kBoundCount * n, kBoundReach * kBoundReach * r * r, near);
+  tree.nearest(rule.center, kBoundCount * n, kBoundReach * kBoundReach * r * r, near);
+  const int64_t sizes[] = {own, n};
+  double farthest[2];
+  near.nest(sizes, 2, farthest);
   unit.clear();
   bool any = false;  // without points on the side of the unit there is nothing that others could bound
   for (int64_t rank = 0; rank < static_cast<int64_t>(near.size()); ++rank) {
