@@ -25,6 +25,7 @@ from .results import NormalEstimate, SurfaceEstimate
 from .rlps import local_surfaces
 from .rules import RuleBase, fit_rules, infer_normals, sides_around, typical_data
 from .scale import refine_scale
+from .sharpening import sharpen
 from .surface import extract
 from .trimming import cut, drop_strays
 from .validation import affine_rank, thread_count
@@ -182,6 +183,7 @@ def reconstruct_surface(
             triangles, used = drop_strays(vertices, triangles, samples, threads)
             vertices = vertices[used]
         vertices, confidence = relax(vertices, triangles, implicit)
+        vertices = sharpen(vertices, triangles, implicit)
         if trim is not None:
             vertices, triangles, confidence = cut(vertices, triangles, confidence, trim)
             triangles, used = drop_strays(vertices, triangles, samples, threads)
