@@ -13,6 +13,8 @@ ERROR = 3.0
 """System error, over the tolerance, above which a new rule is considered."""
 BOUNDARY = 0.5
 """Accommodation boundary: least distance of a new rule from the others, over the spacing."""
+FEWEST = 12
+"""Points of a new rule, two for each coefficient: through fewer a quadric bends as it likes."""
 OVERLAP = 1.1
 """Factor k of eq. (10)."""
 SIMILAR = (0.15, 0.99)
@@ -59,8 +61,8 @@ def generate(
     new = (np.abs(residual) > ERROR * rules.tolerance[nearest]) & (d_min > BOUNDARY * spacing)
     width = OVERLAP * d_min[new]  # Eq. (10)
     count = np.rint(size[new] * (2.0 * width / radius[new]) ** 2).astype(np.int64)
-    count = np.minimum(np.clip(count, 8, size[new]), len(points))
-    return points[new], np.maximum(count, min(8, len(points))), rules.noise[nearest[new]]
+    count = np.minimum(np.clip(count, FEWEST, size[new]), len(points))
+    return points[new], np.maximum(count, min(FEWEST, len(points))), rules.noise[nearest[new]]
 
 
 def discard(rules: RuleBase) -> RuleBase:

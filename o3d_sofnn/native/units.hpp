@@ -35,7 +35,8 @@ inline void unit_points(const KdTree& tree, const double* points, const double* 
       const double behind = dot(d, facing);
       if (std::fabs(behind) < kApart * norm(d)) continue;
       bound = behind > 0 ? 1 : -1;
-      const double inside = 1 / std::sqrt(std::max(u * u + v * v, 1.0));  // as in the field
+      const double reach = rule.stretch * u * u + v * v / rule.stretch;
+      const double inside = 1 / std::sqrt(std::max(reach, 1.0));  // as in the field
       u *= inside, v *= inside;
     } else if (rank >= n || near[rank].sq_dist > r * r) {
       continue;

@@ -133,7 +133,9 @@ def unit_points(
     own_face = same & (rank < count) & (distance[0][found] <= radius)
     bound = np.where(apart, np.where(behind > 0.0, 1, -1), 0)
     local = offset @ frame.T
-    inside = 1.0 / np.sqrt(np.maximum((local[:, :2] ** 2).sum(axis=1), 1.0))  # as in the field
+    stretch = rules.stretch[row]
+    reach = stretch * local[:, 0] ** 2 + local[:, 1] ** 2 / stretch
+    inside = 1.0 / np.sqrt(np.maximum(reach, 1.0))  # as in the field
     local[:, :2] *= np.where(apart, inside, 1.0)[:, None]
     # Without points on the side of the unit there is nothing that others could bound.
     keep = (own_face | apart) & own_face.any()
