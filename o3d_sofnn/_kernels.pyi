@@ -184,13 +184,13 @@ class DualWalk:
     def leaves(self) -> _Ints:
         """Return all leaves that were wanted, (m,)."""
 
-    def crossed(self) -> _Ints:
-        """Return the leaves at the corners of the cubes with a change of sign, (c, 8)."""
+    def take_crossed(self) -> NDArray[np.int32]:
+        """Return the leaves at the corners of the cubes with a change of sign, (c, 8), once."""
 
 def marching_cubes(
     values: _Floats,
     nodes: _Floats,
-    cubes: _Ints,
+    cubes: NDArray[np.int32],
     triangles: _Ints,
     members: _Ints,
     ends: _Ints,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import igl
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,6 +30,8 @@ def decimate(
     source : (v,) int64
         A vertex of the input for each vertex.
     """
+    import igl  # of no use to most calls
+
     if target >= len(triangles):
         return vertices, triangles, np.arange(len(vertices))
     found, fewer, _, source = igl.qslim(vertices, triangles, target)

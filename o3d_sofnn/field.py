@@ -22,6 +22,8 @@ WIDTH = 0.75
 """Smoothing width of the winding number, over the spacing."""
 NEAREST = 16
 """Rules that take part in the blend at one place."""
+BLOCK = 2**18
+"""Places that are looked at together."""
 PLACES = 50_000
 """Samples that say enough about the mean winding number of all."""
 ALIKE = 8
@@ -103,7 +105,9 @@ class Field:
         # The kernels share work between neighbours.
         order = np.asarray(_kernels.sort_morton(np.ascontiguousarray(x), self.n_threads)[1])
         values, share = np.empty(len(x)), np.empty(len(x))
-        values[order], share[order] = self._evaluate(np.ascontiguousarray(x[order]))
+        for start in range(0, len(x), BLOCK):  # some ten numbers a place are needed at once
+            block = order[start : start + BLOCK]
+            values[block], share[block] = self._evaluate(np.ascontiguousarray(x[block]))
         return values, share
 
     def _evaluate(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -115,7 +115,7 @@ def triangle_table(fan: bool = False) -> tuple[NDArray[np.int64], NDArray[np.int
 
 
 def marching_cubes(
-    values: NDArray[np.float64], nodes: NDArray[np.float64], cubes: NDArray[np.int64]
+    values: NDArray[np.float64], nodes: NDArray[np.float64], cubes: NDArray[np.int32]
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Triangulate the zero set on a list of cubes.
 
@@ -125,7 +125,7 @@ def marching_cubes(
         Field at the nodes, negative inside.
     nodes : (m, 3) float64
         Positions of the nodes.
-    cubes : (c, 8) int64
+    cubes : (c, 8) int32
         Nodes of each cube in the order of ``CORNERS``; neighbouring corners may coincide.
 
     Returns

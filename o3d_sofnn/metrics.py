@@ -179,12 +179,14 @@ def _half_edges(triangles: Triangles) -> NDArray[np.int64]:
 
 def _edges(triangles: Triangles) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the undirected edges, each once, and how many triangles have them."""
-    start, stop = _half_edges(triangles).T
     # One number an edge: sorting these is many times as fast as sorting rows.
-    n = int(max(start.max(initial=-1), 0)) + 1
-    keys, counts = np.unique(
-        np.minimum(start, stop) * n + np.maximum(start, stop), return_counts=True
+    corners = np.asarray(triangles).T
+    n = int(corners.max(initial=0)) + 1
+    pairs = zip(corners, np.roll(corners, -1, axis=0), strict=True)
+    keys = np.concatenate(
+        [np.minimum(a, b).astype(np.int64) * n + np.maximum(a, b) for a, b in pairs]
     )
+    keys, counts = np.unique(keys, return_counts=True)
     return np.stack(np.divmod(keys, n), axis=1), counts
 
 

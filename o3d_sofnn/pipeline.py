@@ -13,21 +13,17 @@ from . import metrics
 from ._kernels import KdTree, vertex_normals
 from .attributes import attribute_weights
 from .clock import STAGES, Clock, Progress
-from .decimation import decimate
 from .field import Field
 from .growth import adjust, combine, discard, generate
 from .local_fit import Scale, choose_scale, find_outliers
 from .octree import sort_unique
 from .orientation import certainty, settle, undecided
-from .relaxation import relax
 from .resolution import choose_levels, choose_voxel_size
 from .results import NormalEstimate, SurfaceEstimate
 from .rlps import local_surfaces
 from .rules import RuleBase, fit_rules, infer_normals, sides_around, typical_data
 from .scale import refine_scale
-from .sharpening import sharpen
-from .surface import extract
-from .trimming import cut, drop_strays
+from .surface import mesh
 from .validation import affine_rank, thread_count
 from .vectors import bounds
 from .winding import orient_points, seen_from, turned_to
@@ -158,56 +154,50 @@ def reconstruct_surface(
     rules = learned.rules
 
     with clock.stage("local surfaces"):
-        inliers = np.ascontiguousarray(learned.points[learned.inliers])
-        facing, residual = facing[learned.inliers], residual[learned.inliers]
+        inliers = learned.points
+        if not learned.inliers.all():
+            inliers = inliers[learned.inliers]
+            facing, residual = facing[learned.inliers], residual[learned.inliers]
         limit = None if precision is None else precision / learned.extent
         rules, surfaces = local_surfaces(rules, inliers, facing, learned.tree, threads, limit)
+        distinct, inverse, scale = learned.points, learned.inverse, learned.scale
+        middle, extent = learned.middle, learned.extent
+        del learned  # with its tree
     with clock.stage("field"):
         size = choose_voxel_size(
-            learned.points,
-            float(np.median(learned.scale.spacing)),
+            distinct,
+            float(np.median(scale.spacing)),
             rules,
             depth,
-            None if voxel_size is None else voxel_size / learned.extent,
+            None if voxel_size is None else voxel_size / extent,
         )
         samples = inliers - residual[:, None] * facing
-        spacing = learned.scale.spacing[learned.scale.at(inliers, threads)]
+        spacing = scale.spacing[scale.at(inliers, threads)]
         finest, levels = size, np.zeros(len(samples), np.int64)
         if depth is None and voxel_size is None:
             finest, levels = choose_levels(samples, spacing, rules, size, threads)
         spacing = np.maximum(spacing, finest * np.exp2(levels))
         implicit = Field(rules, surfaces, samples, facing, spacing, threads)
+    del inliers, facing, residual, spacing  # a third of what is held
     with clock.stage("surface"):
-        vertices, triangles = extract(implicit, samples, finest, levels)
-        if len(triangles):
-            triangles, used = drop_strays(vertices, triangles, samples, threads)
-            vertices = vertices[used]
-        vertices, confidence = relax(vertices, triangles, implicit)
-        vertices = sharpen(vertices, triangles, implicit)
-        if trim is not None:
-            vertices, triangles, confidence = cut(vertices, triangles, confidence, trim)
-            triangles, used = drop_strays(vertices, triangles, samples, threads)
-            vertices, confidence = vertices[used], confidence[used]
-        if not len(triangles):
-            reason = "the points are too few or too flat" if trim is None else "trim removed it all"
-            raise ValueError(f"points define no surface at this resolution: {reason}")
-        if target_triangles is not None:
-            vertices, triangles, source = decimate(vertices, triangles, target_triangles)
-            confidence = confidence[source]
+        vertices, triangles, confidence = mesh(
+            implicit, samples, finest, levels, trim, target_triangles, threads
+        )
+    del implicit, samples
     with clock.stage("attributes"):
         facing = np.asarray(vertex_normals(vertices, triangles))
         near = np.flatnonzero(confidence > 0.0)
         facing[near] = infer_normals(rules, vertices[near], threads)[0]
     clock.finish()
     return SurfaceEstimate(
-        vertices=vertices * learned.extent + learned.middle,
+        vertices=vertices * extent + middle,
         triangles=triangles,
         vertex_normals=facing,
         confidence=confidence,
-        weigh=partial(attribute_weights, vertices, learned.points, learned.inverse, size, threads),
+        weigh=partial(attribute_weights, vertices, distinct, inverse, size, threads),
         normals=estimate,
         offset_points=surfaces.offset_points,
-        voxel_size=voxel_size or size * learned.extent,
+        voxel_size=voxel_size or size * extent,
         seconds=clock.seconds,
         watertight=metrics.is_closed(triangles),
     )

@@ -3,18 +3,83 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .decimation import decimate
+from .field import Field
 from .grid import AdaptiveGrid
 from .marching_cubes import marching_cubes
+from .relaxation import relax
+from .sharpening import sharpen
+from .trimming import cut, drop_strays
 
 Evaluate = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 
+BLOCK = 2**17
+"""Places that are looked at together: each needs some thirty numbers on the way."""
 WALL = 16.0
 """Factor of the far field beside the wall of the domain."""
+
+
+def mesh(
+    implicit: Field,
+    samples: NDArray[np.float64],
+    size: float,
+    levels: NDArray[np.int64],
+    trim: float | Literal["auto"] | None,
+    target: int | None,
+    n_threads: int,
+) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+    """Triangulate a field, and do to the triangles what the user wants.
+
+    Parameters
+    ----------
+    implicit : Field
+        The function.
+    samples : (n, 3) float64
+        Points moved onto the surface.
+    size, levels
+        As in :func:`extract`.
+    trim : float or "auto" or None
+        Where to cut (:func:`o3d_sofnn.trimming.cut`); None for nowhere.
+    target : int or None
+        Triangles to be left.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    vertices : (v, 3) float64
+    triangles : (t, 3) int32
+    confidence : (v,) float64
+        Support by the data.
+
+    Raises
+    ------
+    ValueError
+        No triangle is left.
+    """
+    vertices, triangles = extract(implicit, samples, size, levels)
+    if len(triangles):
+        triangles, used = drop_strays(vertices, triangles, samples, n_threads)
+        vertices = vertices[used]
+    vertices, confidence = relax(vertices, triangles, implicit)
+    vertices = sharpen(vertices, triangles, implicit)
+    if trim is not None:
+        vertices, triangles, confidence = cut(vertices, triangles, confidence, trim)
+        triangles, used = drop_strays(vertices, triangles, samples, n_threads)
+        vertices, confidence = vertices[used], confidence[used]
+    if not len(triangles):
+        reason = "the points are too few or too flat" if trim is None else "trim removed it all"
+        raise ValueError(f"points define no surface at this resolution: {reason}")
+    if target is not None:
+        vertices, triangles, source = decimate(vertices, triangles, target)
+        confidence = confidence[source]
+    return vertices, triangles, confidence
 
 
 def extract(
@@ -50,14 +115,15 @@ def extract(
         levels = np.zeros(len(seeds), np.int64)
     grid = AdaptiveGrid(seeds, size, levels)
     walk = grid.walk()
-    values = np.zeros(0)
-    wanted = np.asarray(walk.advance(values < 0.0))
+    values = []
+    wanted = np.asarray(walk.advance(np.zeros(0, bool)))
     while len(wanted):
-        fresh = _walled(evaluate, grid, wanted)
-        values = np.concatenate([values, fresh])
-        wanted = np.asarray(walk.advance(fresh < 0.0))
-    nodes = grid.positions(np.asarray(walk.leaves()))
-    return marching_cubes(values, nodes, np.asarray(walk.crossed()))
+        blocks = np.split(wanted, range(BLOCK, len(wanted), BLOCK))
+        values.append(np.concatenate([_walled(evaluate, grid, block) for block in blocks]))
+        wanted = np.asarray(walk.advance(values[-1] < 0.0))
+    leaves, crossed = np.asarray(walk.leaves()), np.asarray(walk.take_crossed())
+    del walk  # its maps are as large as all of the mesh
+    return marching_cubes(np.concatenate(values), grid.positions(leaves), crossed)
 
 
 def _walled(

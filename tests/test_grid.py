@@ -41,7 +41,7 @@ def test_random_signs_on_random_levels_give_closed_manifolds(seed):
     assert len(np.unique(grid.edges(leaves))) > 1, "all leaves have one size"
     for bias in (-0.6, 0.0, 0.6):
         values = np.where(outside, 1.0, rng.uniform(-1.0, 1.0, len(leaves)) + bias)
-        assert_valid_mesh(*marching_cubes(values, place, index))
+        assert_valid_mesh(*marching_cubes(values, place, index.astype(np.int32)))
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -33,7 +33,7 @@ def test_marching_cubes(seed, bias):
     place = grid.positions(leaves)
     outside = ((place < grid.low) | (place > grid.high)).any(axis=1)
     values = np.where(outside, 1.0, rng.uniform(-1.0, 1.0, len(leaves)) + bias)
-    args = (values, place, index, *both_tables(), EDGE_ENDS, NUDGE)
+    args = (values, place, index.astype(np.int32), *both_tables(), EDGE_ENDS, NUDGE)
     vertices, triangles = _kernels.marching_cubes(*args)
     expected, connected = reference.marching_cubes(*args)
     np.testing.assert_array_equal(triangles, connected)
@@ -56,7 +56,7 @@ def test_walk(seed):
             outside = ((x < grid.low) | (x > grid.high)).any(axis=1)
             signs = (np.sin(x @ slopes.T).sum(axis=1) < 0.3) & ~outside
         leaves = np.asarray(walk.leaves())
-        cubes = leaves[np.asarray(walk.crossed())]
+        cubes = leaves[np.asarray(walk.take_crossed())]
         found.append((np.sort(leaves), cubes[np.lexsort(cubes.T)]))
     assert len(found[0][1]) > 100
     for one, other in zip(*found, strict=True):

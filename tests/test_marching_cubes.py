@@ -16,7 +16,7 @@ def grid(values):
     steps = np.array([1, shape[0], shape[0] * shape[1]])
     index = np.stack(np.unravel_index(np.arange(values.size), shape, order="F"), axis=1)
     cubes = (index @ steps)[(index < shape - 1).all(axis=1)][:, None] + CORNERS @ steps
-    return values.ravel(order="F"), index.astype(np.float64), cubes
+    return values.ravel(order="F"), index.astype(np.float64), cubes.astype(np.int32)
 
 
 def triangulate(values):

@@ -39,14 +39,16 @@ class DualWalk {
   }
 
   const std::vector<int64_t>& leaves() const { return leaves_; }
-  const std::vector<int64_t>& crossed() const { return crossed_; }  // corners of cubes with a change of sign, 8 each
+  // Corners of the cubes with a change of sign, 8 each; afterwards the walk has forgotten them.
+  std::vector<int32_t> take_crossed() { return std::move(crossed_); }
 
  private:
   static constexpr int kBits = 21;
   static constexpr int64_t kField = (int64_t{1} << kBits) - 1;
   std::vector<KeyMap> refined_;  // cells of each level that are divided
   KeyMap cubes_, nodes_;
-  std::vector<int64_t> leaves_, fresh_, corners_, crossed_;
+  std::vector<int64_t> leaves_, fresh_;
+  std::vector<int32_t> corners_, crossed_;  // leaves, 8 a cube
   std::vector<uint8_t> inside_;
 
   static int64_t pack(int64_t x, int64_t y, int64_t z) { return x + (y << kBits) + (z << 2 * kBits); }
@@ -105,7 +107,7 @@ class DualWalk {
         const auto next = static_cast<int64_t>(leaves_.size());
         const int64_t index = nodes_.insert(key, next);
         if (index == next) leaves_.push_back(key);
-        corners_[8 * i + c] = index;
+        corners_[8 * i + c] = static_cast<int32_t>(index);
       }
   }
 
@@ -114,7 +116,7 @@ class DualWalk {
     std::vector<int64_t> cubes;
     cubes.swap(fresh_);
     for (size_t i = 0; i < cubes.size(); ++i) {
-      const int64_t* corner = &corners_[8 * i];
+      const int32_t* corner = &corners_[8 * i];
       int code = 0;
       for (int c = 0; c < 8; ++c) code |= inside_[corner[c]] << c;
       if (code == 0 || code == 255) continue;
@@ -124,7 +126,7 @@ class DualWalk {
     }
   }
 
-  void go(int64_t cube, const int64_t* corner, int code, int axis, int side) {
+  void go(int64_t cube, const int32_t* corner, int code, int axis, int side) {
     const int u = 1 << (axis + 1) % 3, v = 1 << (axis + 2) % 3, base = side << axis;
     const int ring[4] = {base, base | u, base | u | v, base | v};
     int count = 0, turns = 0;

@@ -29,7 +29,7 @@ class KeyMap {
 
   // The value that a key has already, or the one given, which it has from now on.
   int64_t insert(int64_t key, int64_t value) {
-    if (2 * (size_ + 1) > static_cast<int64_t>(slots_.size())) grow();
+    if (4 * (size_ + 1) > 3 * static_cast<int64_t>(slots_.size())) grow();
     for (uint64_t i = place(key);; i = (i + 1) & (slots_.size() - 1)) {
       if (slots_[i].key == key) return slots_[i].value;
       if (slots_[i].key < 0) {

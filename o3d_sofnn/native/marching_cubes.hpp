@@ -25,7 +25,7 @@ class MarchingCubes {
   MarchingCubes(const CubeTables& tables, const double* values, const double* nodes, int64_t n_nodes, double nudge)
       : tables_(tables), values_(values), nodes_(nodes), n_(n_nodes), nudge_(nudge) {}
 
-  void add(const int64_t* cube) {
+  void add(const int32_t* cube) {
     int code = 0;
     for (int c = 0; c < 8; ++c) code |= (values_[cube[c]] < 0) << c;
     if (code == 0 || code == 255) return;
@@ -67,12 +67,12 @@ class MarchingCubes {
   CubeMesh mesh_;
 
   // An edge is named by its nodes, the lower one first.
-  int64_t key(const int64_t* cube, int64_t edge) const {
+  int64_t key(const int32_t* cube, int64_t edge) const {
     const int64_t a = cube[tables_.edge_ends[2 * edge]], b = cube[tables_.edge_ends[2 * edge + 1]];
     return std::min(a, b) * n_ + std::max(a, b);
   }
 
-  bool whole(const int64_t* cube, const int64_t* triangle) const {
+  bool whole(const int32_t* cube, const int64_t* triangle) const {
     int64_t name[3];
     for (int k = 0; k < 3; ++k) name[k] = triangle[k] < kMiddle ? key(cube, triangle[k]) : -triangle[k];
     return name[0] != name[1] && name[1] != name[2] && name[2] != name[0];
@@ -90,13 +90,13 @@ class MarchingCubes {
     return static_cast<int32_t>(mesh_.vertices.size() / 3 - 1);
   }
 
-  int32_t edge_vertex(const int64_t* cube, int64_t edge) {
+  int32_t edge_vertex(const int32_t* cube, int64_t edge) {
     const int64_t name = key(cube, edge), next = static_cast<int64_t>(mesh_.vertices.size() / 3);
     const int64_t index = known_.insert(name, next);
     return index == next ? append(crossing(name)) : static_cast<int32_t>(index);
   }
 
-  int32_t middle_vertex(const int64_t* cube, const int64_t* loop) {
+  int32_t middle_vertex(const int32_t* cube, const int64_t* loop) {
     Vec3 sum{0, 0, 0};
     int count = 0;
     for (; count < 12 && loop[count] >= 0; ++count) sum = sum + crossing(key(cube, loop[count]));

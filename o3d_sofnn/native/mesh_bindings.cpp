@@ -9,7 +9,7 @@ namespace sofnn {
 using namespace nb::literals;
 
 using Signs = nb::ndarray<const bool, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using Cubes = nb::ndarray<const int64_t, nb::shape<-1, 8>, nb::c_contig, nb::device::cpu>;
+using Cubes = nb::ndarray<const int32_t, nb::shape<-1, 8>, nb::c_contig, nb::device::cpu>;
 using Ends = nb::ndarray<const int64_t, nb::shape<12, 2>, nb::c_contig, nb::device::cpu>;
 using CaseTriangles = nb::ndarray<const int64_t, nb::shape<2, 256, -1, 3>, nb::c_contig, nb::device::cpu>;
 using CaseMembers = nb::ndarray<const int64_t, nb::shape<2, 256, 4, 12>, nb::c_contig, nb::device::cpu>;
@@ -37,7 +37,11 @@ void bind_mesh(nb::module_& m) {
            },
            "inside"_a)
       .def("leaves", [](const DualWalk& w) { return array(std::vector<int64_t>(w.leaves()), {w.leaves().size()}); })
-      .def("crossed", [](const DualWalk& w) { return array(std::vector<int64_t>(w.crossed()), {w.crossed().size() / 8, 8}); });
+      .def("take_crossed", [](DualWalk& w) {
+        std::vector<int32_t> corners = w.take_crossed();
+        const size_t n = corners.size() / 8;
+        return array(std::move(corners), {n, 8});
+      });
 
   m.def("marching_cubes",
         [](Doubles values, Points nodes, Cubes cubes, CaseTriangles triangles, CaseMembers members, Ends ends, double nudge) {

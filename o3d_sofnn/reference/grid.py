@@ -94,9 +94,9 @@ class DualWalk:
         """Leaves that were wanted, (m,)."""
         return self._leaves
 
-    def crossed(self) -> NDArray[np.int64]:
+    def take_crossed(self) -> NDArray[np.int32]:
         """Leaves at the corners of the cubes with a change of sign, (c, 8)."""
-        return self._crossed
+        return self._crossed.astype(np.int32)
 
     def advance(self, inside: NDArray[np.bool_]) -> Keys:
         """Take the signs of the leaves that were wanted last; return those wanted next."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 def marching_cubes(
     values: NDArray[np.float64],
     nodes: NDArray[np.float64],
-    cubes: NDArray[np.int64],
+    cubes: NDArray[np.int32],
     triangles: NDArray[np.int64],
     members: NDArray[np.int64],
     ends: NDArray[np.int64],
@@ -23,7 +23,7 @@ def marching_cubes(
         Field at the nodes, negative inside.
     nodes : (m, 3) float64
         Positions of the nodes.
-    cubes : (c, 8) int64
+    cubes : (c, 8) int32
         Nodes of each cube; neighbouring corners may coincide.
     triangles : (2, 256, t, 3) int64
         Vertices of the triangles of each case, for cubes with different corners and for others: 0
@@ -45,7 +45,7 @@ def marching_cubes(
     case = (values < 0)[cubes] @ (1 << np.arange(8))
     crossed = (case > 0) & (case < 255)
     cubes, case = cubes[crossed], case[crossed]
-    edge = cubes[:, ends]
+    edge = cubes[:, ends].astype(np.int64)
     fan = (edge[:, :, 0] == edge[:, :, 1]).any(axis=1).astype(np.int64)
 
     # An edge is named by its nodes, the lower one first, and a middle by its cube and number.
