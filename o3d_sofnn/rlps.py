@@ -33,7 +33,7 @@ class LocalSurfaces:
     precision : (r,) float64
         Epsilon of each unit.
     offset_points : int
-        Offset points used: two for each unit that needed centres.
+        Offset points used: one for each unit that needed centres.
     """
 
     terms: NDArray[np.float64]
@@ -119,11 +119,11 @@ def reconstruct_units(
 ) -> LocalSurfaces:
     """Refine the local surface of every rule until its points are met.
 
-    The rough set starts with the point whose residual to the quadric is largest, and two offset
-    points of the unit (not of the points), above and below its middle, where the quadric's distance
-    is kept. While the largest residual exceeds the precision and the set is small enough, the point
-    that has it is appended and the function computed anew. Points of other faces bound the surface:
-    at an edge it may not cut them off.
+    The rough set starts with the point whose residual to the quadric is largest, and one offset
+    point of the unit (not of the points), above its middle, where the quadric's distance is kept.
+    While the largest residual exceeds the precision and the set is small enough, the point that has
+    it is appended and the function computed anew. Points of other faces bound the surface: at an
+    edge it may not cut them off.
 
     Parameters
     ----------
@@ -169,5 +169,5 @@ def reconstruct_units(
         np.asarray(error),
         np.asarray(worst),
         limit,
-        2 * int((used > 0).sum()),
+        int((used > 0).sum()),
     )

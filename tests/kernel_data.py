@@ -30,9 +30,9 @@ def view(rules):
 
 
 def random_terms(n=300, seed=0):
-    """Between none and all of 14 basis functions for each rule."""
+    """Between none and all of 13 basis functions for each rule."""
     rng = np.random.default_rng(seed)
-    return rng.normal(0.0, 0.3, (n, 14, 4)), rng.integers(0, 15, n)
+    return rng.normal(0.0, 0.3, (n, 13, 4)), rng.integers(0, 14, n)
 
 
 def places_near(rules, seed=1):

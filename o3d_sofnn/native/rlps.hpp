@@ -6,8 +6,7 @@
 namespace sofnn {
 
 constexpr int kMaxCenters = 12;  // delta of Algorithm 2
-constexpr int kOffsets = 2;      // offset points of one unit
-constexpr int kTerms = kMaxCenters + kOffsets;
+constexpr int kTerms = kMaxCenters + 1;  // and the offset point of a unit
 constexpr double kKernelSupport = 1.0;  // over the radius of the unit
 
 // Wendland's function C2, positive definite in three dimensions; t2 = squared distance over squared support.
@@ -55,14 +54,11 @@ struct UnitPoint {
 // tolerance: epsilon of Algorithm 2, over the radius.
 inline LocalSurface reconstruct_unit(std::vector<UnitPoint>& points, const double* quadric, double tolerance) {
   LocalSurface f;
-  // Offset points: above and below the middle the quadric's distance is left as it is.
-  double target[kTerms];
-  for (int k = 0; k < kOffsets; ++k) {
-    f.term[k][0] = f.term[k][1] = 0;
-    f.term[k][2] = quadric[0] + (k == 0 ? 0.5 : -0.5);
-    target[k] = f.term[k][3] = 0;
-  }
-  f.terms = kOffsets;
+  // The offset point: above the middle the quadric's distance is left as it is.
+  double target[kTerms] = {0};
+  f.term[0][0] = f.term[0][1] = f.term[0][3] = 0;
+  f.term[0][2] = quadric[0] + 0.5;
+  f.terms = 1;
   for (UnitPoint& p : points) p.rest = p.h - quadric_height(quadric, p.u, p.v);
   while (true) {
     UnitPoint* next = nullptr;

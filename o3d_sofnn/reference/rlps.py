@@ -15,8 +15,6 @@ Array = NDArray[np.float64]
 
 CENTERS = 12
 """Most centres of a unit, delta of Algorithm 2."""
-OFFSETS = 2
-"""Offset points of a unit."""
 SAME_SIDE = 0.5
 """Least cosine between the normal of a unit and those of its points."""
 BOUND_REACH, BOUND_COUNT = 1.25, 3
@@ -74,7 +72,7 @@ def reconstruct_units(
 
     Returns
     -------
-    rbf : (r, 14, 4) float64
+    rbf : (r, 13, 4) float64
         Centre, in the frame of the rule and over its radius, and weight of each basis function.
     terms : (r,) int64
         How many of them are in use; none where the quadric is precise enough.
@@ -85,7 +83,7 @@ def reconstruct_units(
     """
     centers, frames, coefficients, radius, *_ = rules
     n = len(centers)
-    rbf, terms = np.zeros((n, CENTERS + OFFSETS, 4)), np.zeros(n, np.int64)
+    rbf, terms = np.zeros((n, CENTERS + 1, 4)), np.zeros(n, np.int64)
     error, worst = np.zeros(n), centers.copy()
     for row in range(n):
         data = unit_points(points, normals, rules, row, int(n_neighbors[row]), int(n_own[row]))
@@ -145,8 +143,8 @@ def unit_points(
 def reconstruct_unit(data: UnitPoints, quadric: Array, tolerance: float) -> LocalSurface:
     """Append centres where the residual is largest, until it is small (Algorithm 2).
 
-    The function ``h - quadric - sum of terms`` vanishes at the centres, and is left as it is at two
-    offset points, half a radius above and below the middle.
+    The function ``h - quadric - sum of terms`` vanishes at the centres, and is left as it is at an
+    offset point, half a radius above the middle.
 
     Parameters
     ----------
@@ -163,17 +161,17 @@ def reconstruct_unit(data: UnitPoints, quadric: Array, tolerance: float) -> Loca
     """
     local, bound, own = data
     start = local[:, 2] - quadric_height(quadric, local[:, 0], local[:, 1])
-    places = np.array([[0.0, 0.0, quadric[0] + 0.5], [0.0, 0.0, quadric[0] - 0.5]])
-    targets: Array = np.zeros(OFFSETS)
-    weights: Array = np.zeros(OFFSETS)
+    places = np.array([[0.0, 0.0, quadric[0] + 0.5]])
+    targets: Array = np.zeros(1)
+    weights: Array = np.zeros(1)
     free = np.ones(len(local), bool)
     while True:
         rest = start - basis(local, places) @ weights
         wrong = np.where(bound == 0, np.abs(rest), np.maximum(bound * rest, 0.0))
-        refined = len(places) > OFFSETS
+        refined = len(places) > 1
         worst = _largest(wrong, free & own & (bound == 0))
         following = _largest(wrong, free & (own | refined))
-        full = len(places) == OFFSETS + CENTERS
+        full = len(places) == CENTERS + 1
         if following is None or wrong[following] <= tolerance or full:
             break
         free[following] = False
