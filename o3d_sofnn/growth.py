@@ -23,6 +23,13 @@ are similar and become one."""
 SUPPORTED = 0.1
 """Share of the neighbourhood that must face the side of a rule: what a handful of points on a wrong
 side say fits them perfectly, and nothing else."""
+USUAL = 0.67
+"""Residual of a good fit over its tolerance."""
+MISFIT = 0.05
+"""Squared residual in excess of the usual one, over that, at which a fit has the right size: its
+error of shape is then about as large as what noise leaves in some 100 points."""
+RESIZED = (0.5, 1.25)
+"""Least and largest number of points of a rule over what the region would have."""
 RATE = 0.5
 """Step of the gradient descent, over the one that would cancel the mean error of a rule."""
 NEAREST = 12
@@ -63,6 +70,45 @@ def generate(
     count = np.rint(size[new] * (2.0 * width / radius[new]) ** 2).astype(np.int64)
     count = np.minimum(np.clip(count, FEWEST, size[new]), len(points))
     return points[new], np.maximum(count, min(FEWEST, len(points))), rules.noise[nearest[new]]
+
+
+def reshape(
+    rules: RuleBase, max_neighbors: int | None, max_radius: float | None
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Adapt the neighbourhood of each rule to what its first fit has shown.
+
+    The error of a quadric grows with the third power of the radius, its square thus with the third
+    power of the number of points; what exceeds the usual residual says how large it is. Where it is
+    large the neighbourhood shrinks, where the fit is good it grows; it becomes long where the
+    surface bends less in one direction than in the other.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Rules with round neighbourhoods.
+    max_neighbors : int or None
+        Largest neighbourhood allowed.
+    max_radius : float or None
+        The same as a radius, in the unit of the points.
+
+    Returns
+    -------
+    n_neighbors, across, stretch
+        Arguments for :func:`o3d_sofnn.rules.fit_rules`.
+    """
+    excess = (rules.residual / (USUAL * rules.tolerance)) ** 2 - 1.0
+    factor = RESIZED[1] * np.cbrt(MISFIT / np.maximum(excess, MISFIT))
+    factor = np.maximum(factor, RESIZED[0])
+    most = np.full(len(rules), np.inf)
+    if max_neighbors is not None:
+        most = np.maximum(max_neighbors / rules.n_neighbors, 1.0)
+    if max_radius is not None:
+        most = np.minimum(most, np.maximum((max_radius / rules.radius) ** 2, 1.0))
+    factor = np.minimum(factor, most)
+    least = np.minimum(rules.n_neighbors, FEWEST)
+    size = np.maximum(np.rint(factor * rules.n_neighbors).astype(np.int64), least)
+    across, stretch = rules.ellipses
+    return size, across, np.clip(most * rules.n_neighbors / size, 1.0, stretch)
 
 
 def discard(rules: RuleBase) -> RuleBase:

@@ -14,7 +14,7 @@ from ._kernels import KdTree, vertex_normals
 from .attributes import attribute_weights
 from .clock import STAGES, Clock, Progress
 from .field import Field
-from .growth import adjust, combine, discard, generate
+from .growth import adjust, combine, discard, generate, reshape
 from .local_fit import Scale, choose_scale, find_outliers
 from .octree import sort_unique
 from .orientation import certainty, settle, undecided
@@ -255,14 +255,14 @@ def _learn(
     with clock.stage("growth"):
         normals, _, residual = infer_normals(rules, clean, threads, sides=sides)
         facing = sides_around(rules.centers, rules.normals, normals, tree, threads)
-        centers, size, noise = generate(rules, clean, residual, threads)
+        centers, count, noise = generate(rules, clean, residual, threads)
         side = infer_normals(rules, centers, threads)[0]
-        across, stretch = rules.ellipses
+        size, across, stretch = reshape(rules, max_nn, limit)
         rules = fit_rules(
             clean,
             tree,
             np.concatenate([rules.feet, centers]),
-            np.concatenate([rules.n_neighbors, size]),
+            np.concatenate([size, count]),
             np.concatenate([rules.noise, noise]),
             threads,
             normals=normals,

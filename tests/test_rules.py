@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy.spatial import cKDTree
 from shapes import plane_patch, sphere, torus
 
 from o3d_sofnn._kernels import KdTree
-from o3d_sofnn.growth import SUPPORTED, discard
+from o3d_sofnn.growth import RESIZED, SUPPORTED, discard, reshape
 from o3d_sofnn.pipeline import estimate_normals
 from o3d_sofnn.rules import LONGEST, fit_rules
 
@@ -90,3 +91,31 @@ def test_every_rule_of_a_noisy_box_is_supported():
     points[np.arange(4000), rng.integers(0, 3, 4000)] = rng.choice([-1.0, 1.0], 4000)
     points += rng.normal(0.0, 0.03, points.shape)
     assert (estimate_normals(points).rules.support >= SUPPORTED).all()
+
+
+def test_neighborhoods_shrink_where_fits_are_bad_and_grow_where_they_are_good():
+    good = fitted(plane_patch(4000).noisy(0.005), 0.005)
+    flat = plane_patch(1000)
+    x, y, _ = (15.0 * flat.points).T
+    slopes = np.stack([-0.6 * np.cos(x) * np.cos(y), 0.6 * np.sin(x) * np.sin(y), x**0], axis=1)
+    height = 0.04 * np.sin(x) * np.cos(y)
+    waves = flat._replace(
+        points=np.column_stack([flat.points[:, :2], height]),
+        normals=slopes / np.linalg.norm(slopes, axis=1, keepdims=True),
+    )
+    bad = fitted(waves.noisy(0.002), 0.002)
+    for rules, expected in ((good, RESIZED[1]), (bad, RESIZED[0])):
+        factor = reshape(rules, None, None)[0] / rules.n_neighbors
+        assert np.median(factor) == pytest.approx(expected, abs=0.02)
+        assert factor.max() <= RESIZED[1] + 0.01
+        assert factor.min() >= RESIZED[0] - 0.01
+
+
+def test_neighborhoods_keep_the_limits_of_the_user():
+    rules = fitted(torus(4000, 2.0, 0.25))
+    size, _, stretch = reshape(rules, 60, None)
+    assert (np.rint(size * stretch) <= 60).all()
+    limit = float(np.median(rules.radius))
+    size, _, stretch = reshape(rules, None, limit)
+    area = size / rules.n_neighbors * stretch
+    assert (area <= np.maximum((limit / rules.radius) ** 2, 1.0) + 0.02).all()
