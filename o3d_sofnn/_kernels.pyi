@@ -214,6 +214,14 @@ def surroundings(
     (m, 3), and the mean length of the edges (m,).
     """
 
+def bent_vertices(
+    vertices: _Floats, triangles: NDArray[np.int32], normals: _Floats, least: float
+) -> NDArray[np.uint8]:
+    """Whether (1 or 0) a triangle of each vertex leans away from its normal (m, 3).
+
+    It does where the cosine between the two is below `least`.
+    """
+
 def undo_turns(
     before: _Floats, after: _Floats, triangles: NDArray[np.int32], cosine: float
 ) -> _Floats:

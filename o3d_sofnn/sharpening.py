@@ -14,8 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _kernels
-from .metrics import area_vectors
-from .vectors import unit
 
 SHARP = 0.9
 """Cosine between the normals of a vertex and of one of its triangles below which it is moved."""
@@ -56,10 +54,7 @@ def sharpen(
         Vertices; smooth parts stay as they are.
     """
     normals, _, lengths = map(np.asarray, _kernels.surroundings(vertices, triangles))
-    facing = unit(area_vectors(vertices, triangles))
-    bent = np.einsum("td,tkd->tk", facing, normals[triangles]) < SHARP
-    sharp = np.zeros(len(vertices), bool)
-    sharp[triangles[bent]] = True
+    sharp = np.asarray(_kernels.bent_vertices(vertices, triangles, normals, SHARP)) > 0
     around = triangles[sharp[triangles].any(axis=1)]
     if not len(around):
         return vertices

@@ -80,6 +80,15 @@ def test_a_vertex_without_triangles_has_a_normal():
     np.testing.assert_array_equal(normals, reference.vertex_normals(vertices, triangles))
 
 
+@pytest.mark.parametrize("least", [0.9, 0.99])
+def test_bent_vertices(least):
+    _, triangles, rough = mesh(0)
+    normals = reference.vertex_normals(rough, triangles)
+    found = np.asarray(_kernels.bent_vertices(rough, triangles, normals, least))
+    np.testing.assert_array_equal(found, reference.bent_vertices(rough, triangles, normals, least))
+    assert 0 < found.sum() < len(found)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_undo_turns(seed):
     vertices, triangles, moved = mesh(seed)

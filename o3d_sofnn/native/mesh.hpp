@@ -65,6 +65,17 @@ inline Surroundings surroundings(const MeshView& mesh) {
   return s;
 }
 
+// Whether a triangle of a vertex leans away from its normal so far that the cosine is below a least one.
+inline std::vector<uint8_t> bent_vertices(const MeshView& mesh, const double* normals, double least) {
+  std::vector<uint8_t> bent(mesh.n_vertices, 0);
+  for (int64_t i = 0; i < mesh.n_triangles; ++i) {
+    const int32_t* t = mesh.triangles + 3 * i;
+    const Vec3 facing = unit(area_vector(mesh.vertices, t));
+    for (int k = 0; k < 3; ++k) bent[t[k]] |= dot(facing, load(normals + 3 * t[k])) < least;
+  }
+  return bent;
+}
+
 // Takes back the moves of vertices whose triangles would turn by more than a cosine, until none does.
 inline std::vector<double> undo_turns(const MeshView& before, const double* after, double cosine) {
   std::vector<double> moved(after, after + 3 * before.n_vertices);

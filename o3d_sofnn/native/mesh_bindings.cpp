@@ -81,6 +81,17 @@ void bind_mesh(nb::module_& m) {
         },
         "vertices"_a, "triangles"_a);
 
+  m.def("bent_vertices",
+        [](Points vertices, Triangles triangles, Points normals, double least) {
+          std::vector<uint8_t> bent;
+          {
+            nb::gil_scoped_release release;
+            bent = bent_vertices(view(vertices, triangles), normals.data(), least);
+          }
+          return array(std::move(bent), {vertices.shape(0)});
+        },
+        "vertices"_a, "triangles"_a, "normals"_a, "least"_a);
+
   m.def("undo_turns",
         [](Points before, Points after, Triangles triangles, double cosine) {
           std::vector<double> moved;

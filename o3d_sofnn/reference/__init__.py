@@ -10,7 +10,7 @@ from .grid import DualWalk
 from .inference import consequent_errors, infer_normals
 from .local_fit import fit_rules, fit_scales
 from .marching_cubes import marching_cubes
-from .mesh import label_pieces, surroundings, undo_turns, vertex_normals
+from .mesh import bent_vertices, label_pieces, surroundings, undo_turns, vertex_normals
 from .morton import sort_morton
 from .neighbors import crowded, query
 from .rlps import reconstruct_units
@@ -21,6 +21,7 @@ from .winding import evaluate_winding
 __all__ = [
     "DualWalk",
     "Rules",
+    "bent_vertices",
     "consequent_errors",
     "crowded",
     "evaluate_field",

@@ -47,6 +47,17 @@ def surroundings(vertices: Array, triangles: Triangles) -> tuple[Array, Array, A
     return normals, ways, lengths
 
 
+def bent_vertices(
+    vertices: Array, triangles: Triangles, normals: Array, least: float
+) -> NDArray[np.uint8]:
+    """Whether (1 or 0) the normal of a triangle is below a least cosine to that of a vertex."""
+    facing = unit(area_vectors(vertices, triangles))
+    bent = np.einsum("td,tkd->tk", facing, normals[triangles]) < least
+    result = np.zeros(len(vertices), np.uint8)
+    result[triangles[bent]] = 1
+    return result
+
+
 def undo_turns(before: Array, after: Array, triangles: Triangles, cosine: float) -> Array:
     """Take back the moves of vertices whose triangles would turn by more than a cosine.
 
