@@ -173,7 +173,13 @@ class DualWalk:
     """
 
     def __init__(
-        self, points: _Floats, origin: _Floats, size: float, levels: _Ints, top: int
+        self,
+        points: _Floats,
+        origin: _Floats,
+        size: float,
+        levels: _Ints,
+        top: int,
+        n_threads: int,
     ) -> None: ...
     def advance(self, inside: NDArray[np.bool_]) -> _Ints:
         """Take the signs of the leaves that were wanted last; return those wanted next.
@@ -236,7 +242,7 @@ class WindingTree:
     Sums are single precision, relative to the mean of the points.
     """
 
-    def __init__(self, points: _Floats, area: _Floats) -> None: ...
+    def __init__(self, points: _Floats, area: _Floats, n_threads: int = 1) -> None: ...
     def order(self) -> _Ints:
         """Order (n,) in which consecutive points lie close together."""
 

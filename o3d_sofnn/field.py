@@ -66,7 +66,7 @@ class Field:
         self._view = rules.view(n_threads)
         weight = self._areas(samples)
         self._dipoles = weight[:, None] * normals
-        self._far_tree = _kernels.WindingTree(samples, weight)
+        self._far_tree = _kernels.WindingTree(samples, weight, n_threads)
         # As in Poisson reconstruction the level is the mean over the samples: 1/2 on closed data.
         some = slice(None, None, 1 + len(samples) // PLACES)
         on_samples = self.winding_number(np.ascontiguousarray(samples[some]), spacing[some])

@@ -57,9 +57,9 @@ class AdaptiveGrid:
         self.origin = self.low - size * (4 << self.top)
         self._points, self._levels = points, levels
 
-    def walk(self) -> DualWalk:
+    def walk(self, n_threads: int = 1) -> DualWalk:
         """Walk over the dual cubes, beginning with those that hold the points."""
-        return DualWalk(self._points, self.origin, self.size, self._levels, self.top)
+        return DualWalk(self._points, self.origin, self.size, self._levels, self.top, n_threads)
 
     def edges(self, leaves: Keys) -> NDArray[np.int64]:
         """Edge of leaves in finest cells: the middle is an odd multiple of half of it."""

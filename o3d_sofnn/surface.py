@@ -19,7 +19,7 @@ from .trimming import cut, drop_strays
 Evaluate = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 
-BLOCK = 2**17
+BLOCK = 2**18
 """Places that are looked at together: each needs some thirty numbers on the way."""
 WALL = 16.0
 """Factor of the far field beside the wall of the domain."""
@@ -63,7 +63,7 @@ def mesh(
     ValueError
         No triangle is left.
     """
-    vertices, triangles = extract(implicit, samples, size, levels)
+    vertices, triangles = extract(implicit, samples, size, levels, n_threads)
     if len(triangles):
         triangles, used = drop_strays(vertices, triangles, samples, n_threads)
         vertices = vertices[used]
@@ -87,6 +87,7 @@ def extract(
     seeds: NDArray[np.float64],
     size: float,
     levels: NDArray[np.int64] | None = None,
+    n_threads: int = 1,
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Triangulate the zero set of a function through the cubes around some seeds.
 
@@ -104,6 +105,8 @@ def extract(
         Edge of a finest cube.
     levels : (n,) int64, optional
         Cubes around a seed have an edge of ``size * 2**level``. None for 0.
+    n_threads : int, default 1
+        Threads.
 
     Returns
     -------
@@ -114,7 +117,7 @@ def extract(
     if levels is None:
         levels = np.zeros(len(seeds), np.int64)
     grid = AdaptiveGrid(seeds, size, levels)
-    walk = grid.walk()
+    walk = grid.walk(n_threads)
     values = []
     wanted = np.asarray(walk.advance(np.zeros(0, bool)))
     while len(wanted):

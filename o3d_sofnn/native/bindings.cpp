@@ -273,8 +273,8 @@ NB_MODULE(_kernels, m) {
 
   nb::class_<WindingLists>(m, "WindingLists");
   nb::class_<WindingTree>(m, "WindingTree")
-      .def("__init__", [](WindingTree* t, Points p, Doubles area) { new (t) WindingTree(p.data(), area.data(), p.shape(0)); },
-           "points"_a, "area"_a, nb::call_guard<nb::gil_scoped_release>())
+      .def("__init__", [](WindingTree* t, Points p, Doubles area, int threads) { new (t) WindingTree(p.data(), area.data(), p.shape(0), threads); },
+           "points"_a, "area"_a, "n_threads"_a = 1, nb::call_guard<nb::gil_scoped_release>())
       .def("order", [](const WindingTree& t) { return array(std::vector<int64_t>(t.order()), {(size_t)t.size()}); })
       .def("lists",
            [](const WindingTree& t, Points x, double theta, int threads) {

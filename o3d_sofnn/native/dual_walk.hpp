@@ -5,22 +5,29 @@
 #include <limits>
 
 #include "hash.hpp"
-#include "linalg.hpp"
+#include "parallel.hpp"
 
 namespace sofnn {
 
 class DualWalk {
  public:
-  DualWalk(const double* points, int64_t n, const double* origin, double size, const int64_t* levels, int top)
+  DualWalk(const double* points, int64_t n, const double* origin, double size, const int64_t* levels, int top, int threads)
       : refined_(top + 1) {
-    for (int level = 0; level < top; ++level) refine(points, n, origin, size, levels, level);
+    std::vector<int64_t> cells(n), cubes(n);
+    parallel_for(n, 4096, threads, [&](int64_t first, int64_t last) {
+      for (int64_t i = first; i < last; ++i) {
+        const auto edge = static_cast<double>(int64_t{1} << levels[i]);
+        int64_t cell[3], corner[3];
+        for (int d = 0; d < 3; ++d) {
+          const double x = (points[3 * i + d] - origin[d]) / size;
+          cell[d] = static_cast<int64_t>(x), corner[d] = 2 * static_cast<int64_t>(std::nearbyint(x / edge) * edge);
+        }
+        cells[i] = pack(cell[0], cell[1], cell[2]), cubes[i] = pack(corner[0], corner[1], corner[2]);
+      }
+    });
+    for (int level = 0; level < top; ++level) refine(cells, levels, level);
     int64_t last = -1;  // consecutive points are often in one cube
-    for (int64_t i = 0; i < n; ++i) {
-      const auto edge = static_cast<double>(int64_t{1} << levels[i]);
-      int64_t index[3];
-      for (int d = 0; d < 3; ++d)
-        index[d] = 2 * static_cast<int64_t>(std::nearbyint((points[3 * i + d] - origin[d]) / size / edge) * edge);
-      const int64_t cube = pack(index[0], index[1], index[2]);
+    for (const int64_t cube : cubes) {
       if (cube != last) visit(cube);
       last = cube;
     }
@@ -59,14 +66,12 @@ class DualWalk {
   }
 
   // Leaves that touch differ by one level at most: all around a cell there are cells.
-  void refine(const double* points, int64_t n, const double* origin, double size, const int64_t* levels, int level) {
+  void refine(const std::vector<int64_t>& cells, const int64_t* levels, int level) {
     KeyMap own, &divided = refined_[level + 1];
     int64_t last = -1;
-    for (int64_t i = 0; i < n; ++i) {
+    for (size_t i = 0; i < cells.size(); ++i) {
       if (levels[i] != level) continue;
-      int64_t index[3];
-      for (int d = 0; d < 3; ++d) index[d] = static_cast<int64_t>((points[3 * i + d] - origin[d]) / size) >> (level + 1);
-      const int64_t cell = pack(index[0], index[1], index[2]);
+      const int64_t cell = halve(cells[i], level + 1);
       if (cell != last) own.insert(cell, 0);
       last = cell;
     }

@@ -21,10 +21,10 @@ static MeshView view(const Points& vertices, const Triangles& triangles) {
 void bind_mesh(nb::module_& m) {
   nb::class_<DualWalk>(m, "DualWalk")
       .def("__init__",
-           [](DualWalk* w, Points points, Doubles origin, double size, Ints levels, int top) {
-             new (w) DualWalk(points.data(), points.shape(0), origin.data(), size, levels.data(), top);
+           [](DualWalk* w, Points points, Doubles origin, double size, Ints levels, int top, int threads) {
+             new (w) DualWalk(points.data(), points.shape(0), origin.data(), size, levels.data(), top, threads);
            },
-           "points"_a, "origin"_a, "size"_a, "levels"_a, "top"_a, nb::call_guard<nb::gil_scoped_release>())
+           "points"_a, "origin"_a, "size"_a, "levels"_a, "top"_a, "n_threads"_a, nb::call_guard<nb::gil_scoped_release>())
       .def("advance",
            [](DualWalk& w, Signs inside) {
              std::vector<int64_t> wanted;

@@ -29,21 +29,22 @@ struct WindingLists {
 class WindingTree {
  public:
   // points (n, 3), area: share of a point in its node's centre.
-  WindingTree(const double* points, const double* area, int64_t n) : n_(n), blocks_((n + kRun - 1) / kRun), index_(n) {
+  WindingTree(const double* points, const double* area, int64_t n, int threads) : n_(n), blocks_((n + kRun - 1) / kRun), index_(n) {
     while ((int64_t{1} << depth_) < blocks_) ++depth_;
     nodes_ = (int64_t{2} << depth_) - 1;
     std::iota(index_.begin(), index_.end(), int64_t{0});
     for (int64_t i = 0; i < n; ++i) origin_ = origin_ + (1.0 / static_cast<double>(n)) * load(points + 3 * i);
-    for (int level = 0; level < depth_; ++level)
-      for (int64_t i = 0; i < (int64_t{1} << level); ++i) split(points, level, i);
+    for (int level = 0; level < depth_; ++level) each_node(level, threads, [&](int64_t i) { split(points, level, i); });
     place_.resize(3 * (nodes_ + n)), radius_.resize(nodes_);
     std::vector<double> weight(n);
-    for (int64_t i = 0; i < n; ++i) {
-      set_place(nodes_ + i, load(points + 3 * index_[i]) - origin_);
-      weight[i] = std::max(area[index_[i]], 1e-30);
-    }
+    parallel_for(n, kChunk, threads, [&](int64_t first, int64_t last) {
+      for (int64_t i = first; i < last; ++i) {
+        set_place(nodes_ + i, load(points + 3 * index_[i]) - origin_);
+        weight[i] = std::max(area[index_[i]], 1e-30);
+      }
+    });
     for (int level = 0; level <= depth_; ++level)
-      for (int64_t i = 0; i < (int64_t{1} << level); ++i) {
+      each_node(level, threads, [&](int64_t i) {
         const int64_t node = (int64_t{1} << level) - 1 + i, lo = bound(i, level), hi = bound(i + 1, level);
         Vec3 center{0, 0, 0};
         double sum = 1e-300, sq_radius = 0;
@@ -55,7 +56,7 @@ class WindingTree {
         }
         // An empty leaf is always opened, and nothing is found in it.
         radius_[node] = lo < hi ? static_cast<float>(std::sqrt(sq_radius)) : std::numeric_limits<float>::infinity();
-      }
+      });
   }
 
   int64_t size() const { return n_; }
@@ -79,7 +80,7 @@ class WindingTree {
   // source: mu (n, 3), or for the adjoint the charge (n); width (m), out (m) at the places of the lists.
   void evaluate(Sum what, const double* source, const WindingLists& lists, const double* width, int threads,
                 WindingSums* out) const {
-    const std::vector<float> moments = sum_moments(source, what == Sum::adjoint ? 1 : 3);
+    const std::vector<float> moments = sum_moments(source, what == Sum::adjoint ? 1 : 3, threads);
     parallel_for(static_cast<int64_t>(lists.runs.size()), kRuns, threads, [&](int64_t first, int64_t last) {
       for (int64_t r = first; r < last; ++r)
         evaluate_run(what, moments, lists.runs[r], lists.ranges[r], kRun * r, lists.size, width, out);
@@ -89,7 +90,7 @@ class WindingTree {
   // The same at places that are asked for once: lists are not kept.
   void evaluate(Sum what, const double* source, const double* places, const double* width, int64_t m, double theta,
                 int threads, WindingSums* out) const {
-    const std::vector<float> moments = sum_moments(source, what == Sum::adjoint ? 1 : 3);
+    const std::vector<float> moments = sum_moments(source, what == Sum::adjoint ? 1 : 3, threads);
     parallel_for((m + kRun - 1) / kRun, kRuns, threads, [&](int64_t first, int64_t last) {
       std::vector<SourceRange> ranges;
       for (int64_t r = first; r < last; ++r) {
@@ -102,13 +103,21 @@ class WindingTree {
   }
 
  private:
-  static constexpr int64_t kRuns = 16;  // handed to a thread at once
+  static constexpr int64_t kRuns = 16, kChunk = 4096;  // runs and points handed to a thread at once
   // A leaf is a block of kRun points or empty: own points in order() are places whose runs are leaves.
   int64_t n_, blocks_, nodes_ = 0;
   int depth_ = 0;
   Vec3 origin_{0, 0, 0};
   std::vector<int64_t> index_;
   std::vector<float> place_, radius_;  // places: nodes first, level by level, then points
+
+  template <class Body>
+  void each_node(int level, int threads, const Body& body) {
+    const int64_t count = int64_t{1} << level;
+    parallel_for(count, 1 + count / 64, threads, [&](int64_t first, int64_t last) {
+      for (int64_t i = first; i < last; ++i) body(i);
+    });
+  }
 
   int64_t bound(int64_t i, int level) const { return std::min(n_, kRun * ((i * blocks_) >> level)); }
 
@@ -135,15 +144,17 @@ class WindingTree {
   }
 
   // Sources in the order of the tree and their sums over nodes.
-  std::vector<float> sum_moments(const double* source, int columns) const {
+  std::vector<float> sum_moments(const double* source, int columns, int threads) const {
     std::vector<float> sums(columns * (nodes_ + n_), 0.0f);
-    for (int64_t i = 0; i < n_; ++i)
-      for (int d = 0; d < columns; ++d)
-        sums[columns * (nodes_ + i) + d] = static_cast<float>(source[columns * index_[i] + d]);
     const int64_t first_leaf = nodes_ / 2;
-    for (int64_t leaf = 0; leaf <= first_leaf; ++leaf)
-      for (int64_t j = bound(leaf, depth_); j < bound(leaf + 1, depth_); ++j)
-        for (int d = 0; d < columns; ++d) sums[columns * (first_leaf + leaf) + d] += sums[columns * (nodes_ + j) + d];
+    parallel_for(first_leaf + 1, kChunk / kRun, threads, [&](int64_t first, int64_t last) {
+      for (int64_t leaf = first; leaf < last; ++leaf)
+        for (int64_t j = bound(leaf, depth_); j < bound(leaf + 1, depth_); ++j)
+          for (int d = 0; d < columns; ++d) {
+            const float part = static_cast<float>(source[columns * index_[j] + d]);
+            sums[columns * (nodes_ + j) + d] = part, sums[columns * (first_leaf + leaf) + d] += part;
+          }
+    });
     for (int64_t node = first_leaf - 1; node >= 0; --node)
       for (int d = 0; d < columns; ++d)
         sums[columns * node + d] = sums[columns * (2 * node + 1) + d] + sums[columns * (2 * node + 2) + d];
