@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from . import _kernels
 from .rlps import LocalSurfaces
 from .rules import RuleBase
-from .winding import OPENING, neighborhood_areas
+from .winding import neighborhood_areas
+from .winding_normals import OPENING
 
 REACH = (0.75, 1.5)
 """Distance from the data, over the spacing, up to which the local implicits speak alone, and from

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from ._kernels import KdTree, WindingTree
 from .rules import RuleBase
-from .winding import OPENING, cell_areas
+from .winding import cell_areas
+from .winding_normals import OPENING
 
 ALIKE = 0.7
 """Least cosine between the planes of neighbouring rules that hand on a sign."""
@@ -24,6 +25,8 @@ SMOOTH = 0.7
 PREFERENCE = 0.05
 """Mean winding number on a piece below which neither of its sides is the outer one: 1/2 on a closed
 surface, 0 on a plane."""
+SHEET = 9
+"""Rules from which on a piece may be a sheet: what the winding number of fewer says is chance."""
 SHARE = 0.01
 """Share of the surface from which on a piece without a preferred side is worth a warning."""
 RISE = 0.7
@@ -248,7 +251,8 @@ def undecided(rules: RuleBase, n_threads: int) -> NDArray[np.bool_]:
     """
     piece = pieces(rules, n_threads)
     level = np.bincount(piece, rules.areas * _winding_number(rules, (0.0,), n_threads)[0])
-    return np.asarray((np.abs(level) < PREFERENCE * np.bincount(piece, rules.areas))[piece])
+    balanced = np.abs(level) < PREFERENCE * np.bincount(piece, rules.areas)
+    return np.asarray((balanced & (np.bincount(piece) >= SHEET))[piece])
 
 
 def face(rules: RuleBase, towards: NDArray[np.float64], n_threads: int) -> RuleBase:

@@ -5,29 +5,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ._kernels import KdTree, WindingLists, WindingTree
+from ._kernels import KdTree, WindingTree
 from .octree import build_octree
 from .vectors import unit
+from .winding_normals import OPENING, winding_number_normals
 
 CROWD = 3760.0
 """A representative stands for the number of points over this, to the power of 0.9, or for one."""
 COARSE, FINE = (1.5, 4.0), (0.7, 3.0)
 """Smoothing width at first and at last: so many distances of representatives, or so many standard
 deviations of the noise if that is more. Less of it and the noise decides, more and thin parts
-vanish; many iterations at a small width learn the noise by heart."""
+vanish."""
 REGION, SAMPLED = 300, 16
 """Representatives whose median says how far apart they are in a region: walls closer together than
 that keep their width, sparse regions get a wider one. One representative of so many asks."""
-SETTLED, MOST = 1e-4, 40
-"""Share of the representatives that still change sides when the iteration at the coarse width ends,
-and the most iterations: cavities beside cavities take many, simple bodies some five, and more than
-are needed learn the noise by heart."""
-LEAST, NARROWING = 5, 3
-"""Fewest iterations at the coarse width, and those on the way to the fine one."""
 BLUR = 4.5
 """Smoothing width of the gradient at the points, over the noise."""
-OPENING = 0.35
-"""Opening angle of the tree code: a node is summed at its centre when it looks smaller."""
 
 
 def orient_points(points: NDArray[np.float64], noise: float, n_threads: int) -> NDArray[np.float64]:
@@ -55,7 +48,7 @@ def orient_points(points: NDArray[np.float64], noise: float, n_threads: int) -> 
     tree = KdTree(x, n_threads)
     spacing = regional_spacing(x, tree, n_threads)
     coarse, fine = (np.maximum(a * spacing, b * noise) for a, b in (COARSE, FINE))
-    mu = winding_number_normals(x, coarse, fine, n_threads)
+    mu = winding_number_normals(x, spacing**2, coarse, fine, n_threads)
     sources = WindingTree(x, np.linalg.norm(mu, axis=1))
     nearest = tree.query(points, 1, np.inf, n_threads)[1][:, 0]
     width = np.maximum(fine, BLUR * noise)[nearest]
@@ -106,70 +99,6 @@ def regional_spacing(x: NDArray[np.float64], tree: KdTree, n_threads: int) -> ND
     region = tree.query(places, min(REGION, len(x)), np.inf, n_threads)[1]
     nearest = KdTree(places, n_threads).query(x, 1, np.inf, n_threads)[1][:, 0]
     return np.asarray(np.median(near[region], axis=1)[nearest])
-
-
-def winding_number_normals(
-    x: NDArray[np.float64],
-    coarse: NDArray[np.float64],
-    fine: NDArray[np.float64],
-    n_threads: int,
-) -> NDArray[np.float64]:
-    """Find normals whose winding number is one half on the surface and that are its gradient.
-
-    Lin, Shi and Liu, "Fast and globally consistent normal orientation based on the winding number
-    normal consistency" (2024), with a smoothing width that shrinks once the sides have settled.
-
-    Parameters
-    ----------
-    x : (m, 3) float64
-        Positions on the surface or scattered about it.
-    coarse, fine : (m,) float64
-        Smoothing width at each position until the sides have settled, and at last, in the unit of
-        the points.
-    n_threads : int
-        Threads.
-
-    Returns
-    -------
-    (m, 3) float64
-        Area-weighted outward normals.
-    """
-    order = np.asarray(WindingTree(x, np.ones(len(x))).order())
-    sorted_x, coarse, fine = np.ascontiguousarray(x[order]), coarse[order], fine[order]
-    tree = WindingTree(sorted_x, np.ones(len(x)))
-    lists = tree.lists(sorted_x, OPENING, n_threads)
-    mu = np.zeros_like(sorted_x)
-    for iteration in range(MOST):
-        before, mu = mu, _made_consistent(mu, tree, lists, coarse, n_threads)
-        changed = (np.einsum("nd,nd->n", before, mu) < 0.0).mean()
-        if iteration + 1 >= LEAST and changed < SETTLED:
-            break
-    for width in np.geomspace(coarse, fine, NARROWING):
-        mu = _made_consistent(mu, tree, lists, width, n_threads)
-    result = np.empty_like(mu)
-    result[order] = mu
-    return result
-
-
-def _made_consistent(
-    mu: NDArray[np.float64],
-    tree: WindingTree,
-    lists: WindingLists,
-    width: NDArray[np.float64],
-    n_threads: int,
-) -> NDArray[np.float64]:
-    """Step down the gradient of ``|A mu - 1/2|^2``, then take the directions of the result's own.
-
-    That is ``mu <- |mu| * unit(-grad(winding number of mu))``.
-    """
-    error = 0.5 - np.asarray(tree.winding_at(mu, lists, width, n_threads))
-    descent = -np.asarray(tree.adjoint_at(error, lists, width, n_threads))
-    response = np.asarray(tree.winding_at(descent, lists, width, n_threads))
-    scale = float((response**2).sum())
-    if scale > 0:
-        mu = mu + float((descent**2).sum()) / scale * descent
-    gradient = np.asarray(tree.gradient_at(mu, lists, width, n_threads)[1])
-    return np.asarray(np.linalg.norm(mu, axis=1, keepdims=True) * unit(gradient))
 
 
 def cell_areas(x: NDArray[np.float64], n_threads: int) -> NDArray[np.float64]:

@@ -7,7 +7,8 @@ import pytest
 from shapes import CLOSED, Shape, box, sphere
 
 from o3d_sofnn.octree import sort_unique
-from o3d_sofnn.winding import orient_points, representatives, winding_number_normals
+from o3d_sofnn.winding import orient_points, representatives
+from o3d_sofnn.winding_normals import winding_number_normals
 
 
 def oriented(shape, noise=0.0):
@@ -42,9 +43,20 @@ def test_sparse_regions_get_a_wider_smoothing():
     assert oriented(thinned, 0.02)[0] < 0.003
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.015])
+def test_two_shells_one_inside_the_other(noise):
+    radii, signs = (0.96, 0.84, 0.6, 0.5), (1.0, -1.0, 1.0, -1.0)
+    spheres = [sphere(int(6000 * radius**2)) for radius in radii]
+    shells = Shape(
+        np.concatenate([radius * s.points for radius, s in zip(radii, spheres, strict=True)]),
+        np.concatenate([sign * s.normals for sign, s in zip(signs, spheres, strict=True)]),
+    )
+    assert oriented(shells.noisy(noise), noise)[0] < 0.01
+
+
 def test_winding_number_normals_are_outward_and_weighted_by_area():
     points, normals = sphere(1500)
-    mu = winding_number_normals(points, np.full(1500, 0.27), np.full(1500, 0.063), 1)
+    mu = winding_number_normals(points, np.ones(1500), np.full(1500, 0.27), np.full(1500, 0.063), 1)
     length = np.linalg.norm(mu, axis=1)
     cosine = (mu * normals).sum(axis=1) / length
     assert (cosine > 0.9).all()
