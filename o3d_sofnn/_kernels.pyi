@@ -87,6 +87,11 @@ class RuleView:
     frames : (r, 3, 3) float64
     coefficients : (r, 6) float64
     radius, stretch, tolerance, quality : (r,) float64
+    gates : (r, m, 2) float64 or None
+        Share of each rule in at most 8 neurons of the off-line rules: logarithm of the firing
+        strength and consequent, as far as the inputs belong to the rule.
+    neurons : (m, 3, 3) float64 or None
+        Centres, inverse widths and slopes by the inputs that belong to the place.
     n_threads : int
     """
 
@@ -99,6 +104,8 @@ class RuleView:
         stretch: _Floats,
         tolerance: _Floats,
         quality: _Floats,
+        gates: _Floats | None,
+        neurons: _Floats | None,
         n_threads: int,
     ) -> None: ...
     @property

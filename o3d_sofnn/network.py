@@ -145,6 +145,9 @@ class SOFNN(Regressor):
             self._neurons = first_rule(x[0], wanted[0], options.n_terms)
             self._state = first_state(self._neurons, x[:1], wanted[:1], options, self._rng)
             start = 1
+        elif not hasattr(self, "_state"):
+            self._rng = np.random.default_rng(self.random_state)
+            self._state = first_state(self._neurons, x, wanted, options, self._rng)
         for row in range(start, len(x)):
             self._neurons = observe(
                 self._neurons, self._state, x[row], wanted[row], options, self._rng
@@ -164,6 +167,12 @@ class SOFNN(Regressor):
         """Give the (n,) largest firing strength at the rows of `X`: 1 at a centre, 0 far away."""
         self._check_fitted()
         return firing_strength(self._check_inputs(X, first=False), self._neurons)
+
+    def restore(self, centers: Array, widths: Array, coefficients: Array) -> SOFNN:
+        """Take rules of one output as they were learned elsewhere: (M, d), (M, d), (p, M, 1)."""
+        self.n_features_in_, self.n_outputs_, self._flat = centers.shape[1], 1, True
+        self._neurons = Neurons(centers, widths, coefficients)
+        return self
 
     @property
     def centers_(self) -> Array:

@@ -13,6 +13,7 @@ from . import metrics
 from ._kernels import KdTree, vertex_normals
 from .attributes import attribute_weights
 from .clock import STAGES, Clock, Progress
+from .experience import Experience, shipped
 from .field import Field
 from .growth import adjust, combine, discard, generate, reshape
 from .local_fit import Scale, choose_scale, find_outliers
@@ -34,7 +35,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class _Learned:
+class Learned:
     """What both operators need: the rule base of a cloud moved and scaled into the unit cube."""
 
     points: Array
@@ -89,7 +90,9 @@ def estimate_normals(
     """
     threads = thread_count(n_threads)
     clock = Clock(progress)
-    learned = _learn(points, None, max_nn, radius, viewpoint, towards, threads, clock)
+    learned = learn_rules(
+        points, None, max_nn, radius, viewpoint, towards, threads, clock, shipped()
+    )
     estimate = _infer(learned, threads, clock)[0]
     if viewpoint is not None:
         estimate = replace(estimate, normals=turned_to(viewpoint, points, estimate.normals))
@@ -149,7 +152,7 @@ def reconstruct_surface(
     clock = Clock(progress)
     if trim is None and affine_rank(points) < 3:
         raise ValueError("points lie in one plane and enclose nothing: give trim to get a sheet")
-    learned = _learn(points, normals, max_nn, radius, None, None, threads, clock)
+    learned = learn_rules(points, normals, max_nn, radius, None, None, threads, clock, shipped())
     estimate, facing, residual = _infer(learned, threads, clock)
     rules = learned.rules
 
@@ -203,7 +206,7 @@ def reconstruct_surface(
     )
 
 
-def _learn(
+def learn_rules(
     points: Array,
     normals: Array | None,
     max_nn: int | None,
@@ -212,8 +215,9 @@ def _learn(
     towards: Array | None,
     threads: int,
     clock: Clock,
-) -> _Learned:
-    """Stages 1 to 5: from points to oriented rules."""
+    experience: Experience | None,
+) -> Learned:
+    """Stages 1 to 5: from points to oriented rules, with or without off-line rules."""
     if len(points) < 4:
         raise ValueError(f"points: at least 4 rows expected, got {len(points)}")
     if affine_rank(points) < 2:
@@ -253,7 +257,9 @@ def _learn(
         if not known:
             rules, sides, warnings = settle(rules, sides, clean, towards, threads)
     with clock.stage("growth"):
-        normals, _, residual = infer_normals(rules, clean, threads, sides=sides)
+        normals, _, residual = infer_normals(
+            rules, clean, threads, sides=sides, experience=experience
+        )
         facing = sides_around(rules.centers, rules.normals, normals, tree, threads)
         centers, count, noise = generate(rules, clean, residual, threads)
         side = infer_normals(rules, centers, threads)[0]
@@ -275,10 +281,10 @@ def _learn(
         if not known and towards is None:
             confidence[undecided(rules, threads)] = 0.0
         rules = replace(rules, confidence=confidence)
-    return _Learned(x, inverse, tree, scale, inliers, sides, rules, middle, extent, warnings)
+    return Learned(x, inverse, tree, scale, inliers, sides, rules, middle, extent, warnings)
 
 
-def _infer(learned: _Learned, threads: int, clock: Clock) -> tuple[NormalEstimate, Array, Array]:
+def _infer(learned: Learned, threads: int, clock: Clock) -> tuple[NormalEstimate, Array, Array]:
     """Stage 6: a normal at every point, outliers and duplicates included.
 
     Beside the estimate, normals and residuals of the distinct points.
@@ -287,7 +293,9 @@ def _infer(learned: _Learned, threads: int, clock: Clock) -> tuple[NormalEstimat
         rules = learned.rules
         sides = np.zeros_like(learned.points)
         sides[learned.inliers] = learned.sides
-        normals, agreement, residual = infer_normals(rules, learned.points, threads, sides=sides)
+        normals, agreement, residual = infer_normals(
+            rules, learned.points, threads, sides=sides, experience=shipped()
+        )
         nearest = KdTree(rules.feet, threads).query(learned.points, 1, np.inf, threads)[1][:, 0]
         confidence = agreement * rules.confidence[nearest]
         noise = rules.noise[nearest]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _kernels
+from .experience import Experience
 from .local_fit import RADIUS, Scale
 from .octree import build_octree
 from .vectors import unit
@@ -154,8 +155,9 @@ class RuleBase:
             noise=scale * self.noise,
         )
 
-    def view(self, n_threads: int) -> _kernels.RuleView:
-        """Copy the rules for the native kernels that infer from them."""
+    def view(self, n_threads: int, experience: Experience | None = None) -> _kernels.RuleView:
+        """Copy the rules, and what experience says of them, for the native kernels."""
+        gates = None if experience is None else experience.gates(self)
         return _kernels.RuleView(
             self.centers,
             np.ascontiguousarray(self.frames),
@@ -164,6 +166,8 @@ class RuleBase:
             self.stretch,
             self.tolerance,
             self.quality,
+            gates,
+            None if experience is None else experience.neurons,
             n_threads,
         )
 
@@ -359,6 +363,7 @@ def infer_normals(
     *,
     sides: NDArray[np.float64] | None = None,
     k: int = 12,
+    experience: Experience | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Infer a normal at every point, eq. (7) and (9).
 
@@ -380,6 +385,8 @@ def infer_normals(
         parts hardly thicker than the noise the residual alone does not tell the sides apart.
     k : int, default 12
         Nearest rules that take part.
+    experience : Experience, optional
+        Off-line rules: the trust that they put in a rule at a place joins the membership.
 
     Returns
     -------
@@ -390,6 +397,6 @@ def infer_normals(
     residual : (n,) float64
         Signed distance to the quadric of the rule with the largest membership.
     """
-    view = rules.view(n_threads)
+    view = rules.view(n_threads, experience)
     normals, info = _kernels.infer_normals(view, x, sides, min(k, len(rules)), n_threads)
     return np.asarray(normals), np.asarray(info[:, 0]), np.asarray(info[:, 1])

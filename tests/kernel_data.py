@@ -24,6 +24,13 @@ def random_rules(n=300, seed=0):
     return reference.Rules(centers, frames, coefficients, radius, stretch, tolerance, quality)
 
 
+def with_trust(rules, m=3, seed=5):
+    """The rules with off-line rules drawn at random."""
+    rng = np.random.default_rng(seed)
+    gates = rng.normal(0.0, 1.0, (len(rules.centers), m, 2))
+    return rules._replace(gates=gates, neurons=rng.uniform(0.0, 1.0, (m, 3, 3)))
+
+
 def view(rules):
     """The same rules for the kernels."""
     return _kernels.RuleView(*rules, 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kernel_data import places_near, random_rules, random_terms, unit_data, view
+from kernel_data import places_near, random_rules, random_terms, unit_data, view, with_trust
 from shapes import box, sphere
 
 from o3d_sofnn import _kernels, reference
@@ -30,6 +30,27 @@ def test_inferred_normals(k, places, sided):
     np.testing.assert_allclose(normals, expected_normals, rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(info, expected_info, rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("sided", [False, True])
+@pytest.mark.parametrize("neurons", [1, 3, 8])
+def test_normals_inferred_with_off_line_rules(neurons, sided):
+    rules = with_trust(random_rules(), neurons)
+    x = places_near(rules)
+    sides = np.random.default_rng(4).normal(size=x.shape) if sided else None
+    normals, info = _kernels.infer_normals(view(rules), x, sides, 12, 2)
+    expected_normals, expected_info = reference.infer_normals(rules, x, sides, 12)
+    np.testing.assert_allclose(normals, expected_normals, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(info, expected_info, rtol=0.0, atol=1e-9)
+
+
+def test_gates_and_neurons_belong_together():
+    rules = with_trust(random_rules())
+    for wrong in (rules._replace(gates=None), rules._replace(neurons=None)):
+        with pytest.raises(ValueError, match="gates and neurons"):
+            view(wrong)
+    with pytest.raises(ValueError, match="at most 8"):
+        view(with_trust(random_rules(), 9))
 
 
 @pytest.mark.parametrize("places", [places_near, nearby_runs])

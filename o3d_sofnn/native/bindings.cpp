@@ -16,6 +16,8 @@ using namespace sofnn;
 
 using Frames = nb::ndarray<const double, nb::shape<-1, 3, 3>, nb::c_contig, nb::device::cpu>;
 using Coefficients = nb::ndarray<const double, nb::shape<-1, 6>, nb::c_contig, nb::device::cpu>;
+using Gates = nb::ndarray<const double, nb::shape<-1, -1, 2>, nb::c_contig, nb::device::cpu>;
+using Neurons = nb::ndarray<const double, nb::shape<-1, 3, 3>, nb::c_contig, nb::device::cpu>;
 using Terms = nb::ndarray<const double, nb::shape<-1, -1, 4>, nb::c_contig, nb::device::cpu>;
 
 // Sums at places that are asked for once, and at those of kept lists.
@@ -165,10 +167,15 @@ NB_MODULE(_kernels, m) {
   nb::class_<RuleView>(m, "RuleView")
       .def_prop_ro("size", [](const RuleView& v) { return v.rules.size(); })
       .def("__init__",
-           [](RuleView* v, Points centers, Frames frames, Coefficients coef, Doubles radius, Doubles stretch, Doubles tolerance, Doubles quality, int threads) {
-             new (v) RuleView(centers.data(), frames.data(), coef.data(), radius.data(), stretch.data(), tolerance.data(), quality.data(), centers.shape(0), threads);
+           [](RuleView* v, Points centers, Frames frames, Coefficients coef, Doubles radius, Doubles stretch, Doubles tolerance, Doubles quality,
+              std::optional<Gates> gates, std::optional<Neurons> neurons, int threads) {
+             const size_t n = centers.shape(0), m = neurons ? neurons->shape(0) : 0;
+             if (m > kNeurons || (gates ? gates->shape(1) : 0) != m || (gates && gates->shape(0) != n))
+               throw nb::value_error("gates and neurons: expected the same number of neurons, at most 8, or neither");
+             new (v) RuleView(centers.data(), frames.data(), coef.data(), radius.data(), stretch.data(), tolerance.data(), quality.data(),
+                              gates ? gates->data() : nullptr, neurons ? neurons->data() : nullptr, m, n, threads);
            },
-           "centers"_a, "frames"_a, "coefficients"_a, "radius"_a, "stretch"_a, "tolerance"_a, "quality"_a, "n_threads"_a, nb::call_guard<nb::gil_scoped_release>());
+           "centers"_a, "frames"_a, "coefficients"_a, "radius"_a, "stretch"_a, "tolerance"_a, "quality"_a, "gates"_a.none(), "neurons"_a.none(), "n_threads"_a, nb::call_guard<nb::gil_scoped_release>());
 
   m.def("infer_normals",
         [](const RuleView& rules, Points x, std::optional<Points> sides, int64_t k, int threads) {

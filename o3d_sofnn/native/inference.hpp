@@ -68,9 +68,44 @@ SOFNN_CLONES inline void find_limits(const Lanes* SOFNN_RESTRICT sq, int64_t m, 
   *limit = nearest[k - 1];
 }
 
+// Logarithm of the trust in one rule at the places of a run, eq. (7) and (9): the off-line rules with linear consequents.
+SOFNN_CLONES inline void weigh_trust(const Rule& rule, const Neuron* neurons, int m, const double* SOFNN_RESTRICT root,
+                                     const double* SOFNN_RESTRICT lean, const double* SOFNN_RESTRICT reach,
+                                     double* SOFNN_RESTRICT trust) {
+  Lanes firing[kNeurons], said[kNeurons], largest, total, sum;
+  largest.fill(kOut), total.fill(0), sum.fill(0);
+  for (int j = 0; j < m; ++j) {
+    const Neuron& n = neurons[j];
+    const double first = rule.gates[j].firing, consequent = rule.gates[j].consequent;
+    const double c0 = n.center[0], c1 = n.center[1], c2 = n.center[2];
+    const double w0 = n.inverse_width[0], w1 = n.inverse_width[1], w2 = n.inverse_width[2];
+    const double s0 = n.slope[0], s1 = n.slope[1], s2 = n.slope[2];
+    double *SOFNN_RESTRICT fired = firing[j].data(), *SOFNN_RESTRICT say = said[j].data(),
+           *SOFNN_RESTRICT most = largest.data();
+    SOFNN_LANES
+    for (int l = 0; l < kLanes; ++l) {
+      const double a = root[l] - c0, b = lean[l] - c1, c = reach[l] - c2;
+      const double u = w0 * a, v = w1 * b, w = w2 * c, f = first - 0.5 * (u * u + v * v + w * w);
+      fired[l] = f, say[l] = consequent + s0 * a + s1 * b + s2 * c;
+      most[l] = f > most[l] ? f : most[l];
+    }
+  }
+  for (int j = 0; j < m; ++j) {
+    const double *SOFNN_RESTRICT fired = firing[j].data(), *SOFNN_RESTRICT say = said[j].data();
+    SOFNN_LANES
+    for (int l = 0; l < kLanes; ++l) {
+      const double basis = exp_negative(fired[l] - largest[l]);
+      total[l] += basis, sum[l] += basis * say[l];
+    }
+  }
+  SOFNN_LANES
+  for (int l = 0; l < kLanes; ++l) trust[l] = sum[l] / total[l];
+}
+
 // Memberships of the places of a run in one rule: a Gaussian in the tangent plane (half the radius wide), a Gaussian in
-// the residual to its quadric, a bell in the angle to the side (von Mises and Fisher), and its quality.
-SOFNN_CLONES inline void evaluate_rule(const Run& run, const Rule& rule, const double* SOFNN_RESTRICT sq,
+// the residual to its quadric, a bell in the angle to the side (von Mises and Fisher), its quality, and, where there are
+// off-line rules, its trust.
+SOFNN_CLONES inline void evaluate_rule(const Run& run, const RuleView& view, const Rule& rule, const double* SOFNN_RESTRICT sq,
                                        RunRule* SOFNN_RESTRICT out, double* SOFNN_RESTRICT best) {
   const double inv = 1 / rule.radius, radius = rule.radius, inv_tolerance = 1 / rule.tolerance;
   const double narrow = rule.stretch, wide = 1 / rule.stretch;
@@ -82,6 +117,7 @@ SOFNN_CLONES inline void evaluate_rule(const Run& run, const Rule& rule, const d
   const double *SOFNN_RESTRICT x = run.x.data(), *SOFNN_RESTRICT y = run.y.data(), *SOFNN_RESTRICT z = run.z.data();
   const double *SOFNN_RESTRICT sx = run.side_x.data(), *SOFNN_RESTRICT sy = run.side_y.data(),
                *SOFNN_RESTRICT sz = run.side_z.data(), *SOFNN_RESTRICT limit = run.sq_limit.data();
+  Lanes root, cosine, reach, trust;
   SOFNN_LANES
   for (int l = 0; l < kLanes; ++l) {
     const double dx = x[l] - c.x, dy = y[l] - c.y, dz = z[l] - c.z;
@@ -99,9 +135,19 @@ SOFNN_CLONES inline void evaluate_rule(const Run& run, const Rule& rule, const d
     const double miss = height * inv_tolerance;
     const double lean = nx * sx[l] + ny * sy[l] + nz * sz[l];
     const double weight = quality - 2 * square - 0.5 * miss * miss + concentration * lean;
-    const double taken = sq[l] <= limit[l] ? weight : kOut;
-    out->weight[l] = taken, out->height[l] = height;
+    out->weight[l] = weight, out->height[l] = height;
     out->nx[l] = nx, out->ny[l] = ny, out->nz[l] = nz;
+    const double distance = std::abs(height) * inv, unknown = 1 - (sx[l] * sx[l] + sy[l] * sy[l] + sz[l] * sz[l]);
+    root[l] = std::sqrt(std::sqrt(distance < 1 ? distance : 1));
+    cosine[l] = lean + unknown;  // an unknown side is no reason for mistrust
+    reach[l] = square < 4 ? square : 4;
+  }
+  trust.fill(0);
+  if (view.n_neurons) weigh_trust(rule, view.neurons, view.n_neurons, root.data(), cosine.data(), reach.data(), trust.data());
+  SOFNN_LANES
+  for (int l = 0; l < kLanes; ++l) {
+    const double taken = sq[l] <= limit[l] ? out->weight[l] + trust[l] : kOut;
+    out->weight[l] = taken;
     best[l] = taken > best[l] ? taken : best[l];
   }
 }
@@ -150,7 +196,7 @@ inline void infer_run(const RuleView& view, int64_t k, InferenceScratch& s) {
     if (!any_within(s.sq[i].data(), s.run.sq_limit.data())) continue;
     RunRule& rule = s.rules[s.used++];
     rule.index = near.index[i];
-    evaluate_rule(s.run, view.rules[rule.index], s.sq[i].data(), &rule, s.best.data());
+    evaluate_rule(s.run, view, view.rules[rule.index], s.sq[i].data(), &rule, s.best.data());
   }
   weigh_rules(s.rules.data(), s.used, s.best.data(), s.weight_sum.data());
 }

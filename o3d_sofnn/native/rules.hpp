@@ -5,6 +5,20 @@
 
 namespace sofnn {
 
+// Neurons of the off-line rules that say how far a rule of this rule base is to be trusted at a place.
+constexpr int kNeurons = 8;
+
+// What is common to all rules of the base: centre, inverse width and slope of each neuron along the three inputs that
+// belong to the place: fourth root of the residual over the radius, cosine to the side, squared distance.
+struct Neuron {
+  double center[3], inverse_width[3], slope[3];
+};
+
+// The share of one rule in a neuron: logarithm of its firing strength and consequent by the inputs that belong to it.
+struct Gate {
+  double firing, consequent;
+};
+
 // Concentration of the membership in the angle between a side and the normal of a rule, over how much wider than on
 // clean data the membership in the residual is, over the radius: the less the residual tells, the more the side decides.
 constexpr double kConcentration = 25, kCleanTolerance = 0.02;
@@ -13,16 +27,27 @@ struct Rule {
   Vec3 center;
   Frame frame;
   double coefficients[6], radius, stretch, tolerance, quality, log_quality, concentration;
+  Gate gates[kNeurons];
 };
 
 // The rules of a rule base, one record each, and a tree over their centres.
 struct RuleView {
   KdTree tree;
   std::vector<Rule> rules;
+  int n_neurons;
+  Neuron neurons[kNeurons];
 
+  // gates: (n, m, 2), neurons: (m, 3, 3), m at most kNeurons.
   RuleView(const double* centers, const double* frames, const double* coefficients, const double* radius,
-           const double* stretch, const double* tolerance, const double* quality, int64_t n, int threads)
-      : tree(centers, n, threads), rules(n) {
+           const double* stretch, const double* tolerance, const double* quality, const double* gates,
+           const double* places, int m, int64_t n, int threads)
+      : tree(centers, n, threads), rules(n), n_neurons(m) {
+    for (int j = 0; j < m; ++j) {
+      const double* p = places + 9 * j;
+      std::copy(p, p + 3, neurons[j].center);
+      std::copy(p + 3, p + 6, neurons[j].inverse_width);
+      std::copy(p + 6, p + 9, neurons[j].slope);
+    }
     for (int64_t i = 0; i < n; ++i) {
       const double *f = frames + 9 * i, *q = coefficients + 6 * i;
       Rule& r = rules[i];
@@ -32,6 +57,7 @@ struct RuleView {
       r.radius = radius[i], r.stretch = stretch[i], r.tolerance = tolerance[i], r.quality = quality[i];
       r.log_quality = std::log(std::max(quality[i], 1e-300));
       r.concentration = kConcentration * std::max(tolerance[i] / radius[i] - kCleanTolerance, 0.0);
+      for (int j = 0; j < m; ++j) r.gates[j] = {gates[2 * (m * i + j)], gates[2 * (m * i + j) + 1]};
     }
   }
 };

@@ -47,7 +47,7 @@ def contributions(place: Array, rules: Rules, terms: list[Array] | None = None) 
     -------
     Contribution
     """
-    centers, frames, coefficients, radius, stretch, _, _ = rules
+    centers, frames, coefficients, radius, stretch = rules[:5]
     d = (place - centers) / radius[:, None]
     u, v, h = np.einsum("kad,kd->ak", frames, d)
     reach = stretch * u**2 + v**2 / stretch
@@ -91,7 +91,7 @@ def infer_normals(rules: Rules, x: Array, sides: Array | None, k: int) -> tuple[
 
     The membership in a rule is a Gaussian in the tangent plane, half the radius wide, times a
     Gaussian in the residual to the quadric, times a bell in the angle to the side (von Mises and
-    Fisher), times the quality.
+    Fisher), times the quality, times the trust of the off-line rules where there are some.
 
     Parameters
     ----------
@@ -156,10 +156,26 @@ def _blend(
     """Return the nearest rules, their fuzzy basis functions, eq. (9), and what they say."""
     sq_dist = ((rules.centers - place) ** 2).sum(axis=1)
     near = np.flatnonzero(sq_dist <= np.sort(sq_dist)[min(k, len(sq_dist)) - 1])
-    rule = contributions(place, rules.rows(near))
-    z = rule.residual / rules.tolerance[near]
-    membership = np.log(np.maximum(rules.quality[near], 1e-12)) - 2.0 * rule.reach - 0.5 * z**2
-    wide = np.maximum(rules.tolerance[near] / rules.radius[near] - CLEAN_TOLERANCE, 0.0)
-    membership = membership + CONCENTRATION * wide * (rule.normal @ side)
+    membership, rule = log_memberships(rules.rows(near), place, side)
     share = np.exp(membership - membership.max())  # safe far from every rule
     return near, np.asarray(share / share.sum()), rule
+
+
+def log_memberships(rules: Rules, place: Array, side: Array) -> tuple[Array, Contribution]:
+    """Logarithm of the membership of one place in some rules, (k,), and what they say.
+
+    Parameters
+    ----------
+    rules : Rules
+        Rules, k of them.
+    place, side : (3,) float64
+        Where, and where the normal faces: unit, or zero where unknown.
+    """
+    rule = contributions(place, rules)
+    z = rule.residual / rules.tolerance
+    membership = np.log(np.maximum(rules.quality, 1e-12)) - 2.0 * rule.reach - 0.5 * z**2
+    wide = np.maximum(rules.tolerance / rules.radius - CLEAN_TOLERANCE, 0.0)
+    lean = rule.normal @ side
+    # An unknown side is no reason for mistrust.
+    trust = rules.trust(rule.residual / rules.radius, lean + 1.0 - side @ side, rule.reach)
+    return membership + CONCENTRATION * wide * lean + trust, rule

@@ -1,0 +1,1 @@
+"""Off-line learning of the rules that come with the package: ``python -m o3d_sofnn.training``."""

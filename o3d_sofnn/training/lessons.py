@@ -1,0 +1,132 @@
+"""Examples from shapes that are known: places, the rules around them, and how wrong each is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from o3d_sofnn._kernels import KdTree
+from o3d_sofnn.clock import Clock
+from o3d_sofnn.experience import place_inputs, rule_inputs
+from o3d_sofnn.octree import sort_unique
+from o3d_sofnn.pipeline import learn_rules
+from o3d_sofnn.reference.inference import log_memberships
+from o3d_sofnn.reference.rules import Rules
+
+Array = NDArray[np.float64]
+
+NEAREST = 12
+"""Rules that take part in the inference at one place."""
+ANGLES = (0.01, 1.2)
+"""Errors below the first count as that much, those above the second as that little, in radians."""
+SOFTNESS = 0.3
+"""Power of the memberships by which pairs are drawn: rules without a share may be right."""
+
+
+@dataclass(frozen=True)
+class Lessons:
+    """Some places of one cloud, each with its nearest rules.
+
+    Attributes
+    ----------
+    inputs : (p, k, 6) float64
+        Of the off-line rules (:data:`o3d_sofnn.experience.INPUTS`).
+    memberships : (p, k) float64
+        Logarithm of the membership without off-line rules.
+    normals : (p, k, 3) float64
+        What each rule says.
+    truth : (p, 3) float64
+        True normals.
+    """
+
+    inputs: Array
+    memberships: Array
+    normals: Array
+    truth: Array
+
+    @property
+    def outputs(self) -> Array:
+        """Logarithm of the squared angle between what a rule says and the truth, (p, k)."""
+        cosine = np.abs(np.einsum("pkd,pd->pk", self.normals, self.truth))
+        angle = np.clip(np.arccos(np.clip(cosine, 0.0, 1.0)), *ANGLES)
+        return np.asarray(2.0 * np.log(angle))
+
+    def error(self, trust: Array | float) -> float:
+        """Root-mean-square angle of the inferred normals with a (p, k) logarithm of a trust."""
+        membership = self.memberships + trust
+        share = np.exp(membership - membership.max(axis=1, keepdims=True))
+        mean = np.einsum("pk,pkd->pd", share, self.normals)  # Eq. (7), but for its length
+        cosine = np.einsum("pd,pd->p", mean, self.truth) / np.linalg.norm(mean, axis=1)
+        return float(np.sqrt(np.mean(np.arccos(np.clip(np.abs(cosine), 0.0, 1.0)) ** 2)))
+
+
+def lessons(points: Array, normals: Array, count: int, n_threads: int) -> Lessons:
+    """Learn the rules of a cloud and compare them with the truth at evenly spread points.
+
+    Parameters
+    ----------
+    points, normals : (n, 3) float64
+        Points and true normals.
+    count : int
+        Number of places.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    Lessons
+    """
+    learned = learn_rules(
+        points, None, None, None, None, None, n_threads, Clock(None), experience=None
+    )
+    base = learned.rules
+    order, _ = sort_unique(points)
+    row = np.linspace(0, len(learned.sides) - 1, count).astype(np.int64)
+    x, side = learned.points[learned.inliers][row], learned.sides[row]
+    truth = normals[order][learned.inliers][row]
+    near = KdTree(base.centers, n_threads).query(x, min(NEAREST, len(base)), np.inf, n_threads)[1]
+    rules = Rules(
+        base.centers,
+        base.frames,
+        base.coefficients,
+        base.radius,
+        base.stretch,
+        base.tolerance,
+        base.quality,
+    )
+    found = [
+        log_memberships(rules.rows(index), place, way)
+        for index, place, way in zip(near, x, side, strict=True)
+    ]
+    said = np.stack([rule.normal for _, rule in found])
+    distance = np.stack([rule.residual for _, rule in found]) / base.radius[near]
+    cosine = np.einsum("pkd,pd->pk", said, side)
+    reach = np.stack([rule.reach for _, rule in found])
+    inputs = np.concatenate(
+        [rule_inputs(base)[near], place_inputs(distance, cosine, reach)], axis=2
+    )
+    return Lessons(inputs, np.stack([membership for membership, _ in found]), said, truth)
+
+
+def draw_pairs(
+    clouds: Iterable[Lessons], count: int, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """Draw pairs of a place and a rule, `count` of each cloud, more often where the rule counts.
+
+    Returns
+    -------
+    inputs : (n, 6) float64
+    outputs : (n,) float64
+    """
+    inputs, outputs = [], []
+    for cloud in clouds:
+        membership = SOFTNESS * cloud.memberships
+        share = np.exp(membership - membership.max(axis=1, keepdims=True))
+        share = (share / share.sum(axis=1, keepdims=True)).ravel()
+        row = rng.choice(len(share), count, p=share / share.sum())
+        inputs.append(cloud.inputs.reshape(len(share), -1)[row])
+        outputs.append(cloud.outputs.ravel()[row])
+    return np.concatenate(inputs), np.concatenate(outputs)
