@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
-from collections.abc import Callable, Mapping
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 HERE = Path(__file__).parent
@@ -13,7 +16,9 @@ Job = Callable[[], None]
 """Does a part of a demo and prints what came out; raises what went wrong."""
 
 
-def parser(description: str, name: str, timeout: float) -> argparse.ArgumentParser:
+def parser(
+    description: str, name: str, timeout: float, docs: str | None = None
+) -> argparse.ArgumentParser:
     """Return a parser with the options ``--out``, ``--quick`` and ``--timeout``.
 
     Parameters
@@ -24,6 +29,8 @@ def parser(description: str, name: str, timeout: float) -> argparse.ArgumentPars
         Of the demo: its results go to demos/output/<name>.
     timeout : float
         Default number of seconds for one job.
+    docs : str, optional
+        Adds the option ``--docs``: what it renews.
     """
     found = argparse.ArgumentParser(description=description.splitlines()[0])
     found.add_argument(
@@ -41,6 +48,8 @@ def parser(description: str, name: str, timeout: float) -> argparse.ArgumentPars
         metavar="S",
         help="seconds for one step of a job (default: %(default)g)",
     )
+    if docs is not None:
+        found.add_argument("--docs", action="store_true", help=f"renew {docs}")
     return found
 
 
@@ -79,6 +88,29 @@ def work(jobs: Mapping[str, Job], output: Path, finish: Job | None = None) -> in
         print(f"failed: {len(failed)} of {len(jobs)}: {', '.join(failed)}")
     print(f"results are in {output}")
     return 1 if failed else 0
+
+
+@contextlib.contextmanager
+def step(text: str) -> Iterator[None]:
+    """Say what a job is doing, on a terminal with the seconds that pass, and how long it took."""
+    started, ended = time.perf_counter(), threading.Event()
+    print(f"  {text} ...", flush=True)
+
+    def tick() -> None:
+        while not ended.wait(1.0):
+            print(f"\r  {time.perf_counter() - started:.0f} s", end="", flush=True)
+
+    clock = threading.Thread(target=tick, daemon=True)
+    if sys.stdout.isatty():
+        clock.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        if clock.ident is not None:
+            clock.join()
+            print("\r", end="")
+        print(f"  {text}: {time.perf_counter() - started:.1f} s", flush=True)
 
 
 def _done(job: Job) -> bool:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -57,21 +57,19 @@ CASES = {
 
 def main() -> int:
     """Draw the gallery and return the exit code, see :func:`demo.work`."""
-    args = _arguments()
+    args = demo.parser(__doc__, "gallery", 300.0, docs="docs/gallery instead").parse_args()
     output = (demo.HERE.parent / "docs" / "gallery" if args.docs else args.out).resolve()
     count = 4_000 if args.quick else 20_000
     rows: list[str] = []
     jobs = {
-        name: lambda name=name, case=case: rows.append(
-            _run(name, case, count, output, args.timeout)
-        )
+        name: partial(_run, name, case, count, output, args.timeout, rows)
         for name, case in CASES.items()
     }
     return demo.work(jobs, output, lambda: _table(rows))
 
 
-def _run(name: str, case: Case, count: int, output: Path, timeout: float) -> str:
-    """Return the case as a row of the table in the README."""
+def _run(name: str, case: Case, count: int, output: Path, timeout: float, rows: list[str]) -> None:
+    """Draw a case, and append its row of the table in the README."""
     cloud = case.make(count)
     result: Result = call(reconstruct, cloud, None, case.options, timeout=timeout).get()
     pictures.draw(
@@ -85,17 +83,11 @@ def _run(name: str, case: Case, count: int, output: Path, timeout: float) -> str
     options = case.options if cloud.trim is None else {"trim": cloud.trim, **case.options}
     code = ", ".join(["pcd", *(f"{key}={value}" for key, value in options.items())])
     line = f"o3d_sofnn.reconstruct_surface({code})"
-    return f"| {case.text} | `{line}` | ![{name}](docs/gallery/{name}.png) |"
+    rows.append(f"| {case.text} | `{line}` | ![{name}](docs/gallery/{name}.png) |")
 
 
 def _table(rows: list[str]) -> None:
     print("\n".join(["", "| input | code | points and mesh |", "| --- | --- | --- |", *rows]))
-
-
-def _arguments() -> argparse.Namespace:
-    parser = demo.parser(__doc__, "gallery", timeout=300.0)
-    parser.add_argument("--docs", action="store_true", help="renew docs/gallery instead")
-    return parser.parse_args()
 
 
 if __name__ == "__main__":

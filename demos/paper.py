@@ -92,9 +92,10 @@ class Paper:
         if any(row["model"] == source.name and row["points"] == n for row in self.figure_2):
             print(f"  there are only {n} points")
             return
-        offsets = call(
-            experiments.count_offsets, source.points[:n].copy(), timeout=self.timeout
-        ).get()
+        with demo.step(f"{n} points"):
+            offsets = call(
+                experiments.count_offsets, source.points[:n].copy(), timeout=self.timeout
+            ).get()
         self.figure_2.append(
             {
                 "model": source.name,
@@ -114,9 +115,10 @@ class Paper:
         voxels = QUICK_VOXELS if self.quick else VOXELS
         size = float(np.linalg.norm(np.ptp(points, axis=0))) / voxels
         surfaces: dict[str, Surface] = {}
-        surfaces["progressive"] = call(
-            experiments.progressive, points, size, timeout=self.timeout
-        ).get()
+        with demo.step(f"ours, {n} points"):
+            surfaces["progressive"] = call(
+                experiments.progressive, points, size, timeout=self.timeout
+            ).get()
         surfaces["variational"] = self._variational(points, size)
         self.table_1.append(_row(source, points, surfaces))
         _write(self.output / "table1.csv", self.table_1)
@@ -127,18 +129,21 @@ class Paper:
         sample = points[:1000].copy()
         choices: list[tuple[float, dict[str, str]]] = []
         for choice in ({}, {"OPENBLAS_NUM_THREADS": "1"}):
-            outcome = call(
-                experiments.solution_seconds, sample, timeout=self.timeout, environment=choice
-            )
+            with demo.step(f"traditional method, {len(sample)} points, {_threads(choice)}"):
+                outcome = call(
+                    experiments.solution_seconds, sample, timeout=self.timeout, environment=choice
+                )
             choices.append((np.inf if outcome.error else outcome.value, choice))
         choices.sort(key=lambda pair: pair[0])
         for _, choice in choices:
-            outcome = call(
-                experiments.variational, points, size, timeout=self.timeout, environment=choice
-            )
+            with demo.step(f"traditional method, {len(points)} points, {_threads(choice)}"):
+                outcome = call(
+                    experiments.variational, points, size, timeout=self.timeout, environment=choice
+                )
             # Some builds of OpenBLAS crash on a matrix of this size with several threads.
             if outcome.error is None:
                 break
+            print(f"  the traditional method failed with {_threads(choice)}: {outcome.error}")
         return outcome.get()
 
     def finish(self) -> None:
@@ -206,6 +211,10 @@ def _row(source: Input, points: Array, surfaces: dict[str, Surface]) -> dict[str
         )
     row["time_ratio"] = round(row["ours_total_s"] / row["traditional_total_s"], 4)
     return row
+
+
+def _threads(environment: dict[str, str]) -> str:
+    return "one thread" if environment else "all threads of BLAS"
 
 
 def _rms(errors: Array) -> float:

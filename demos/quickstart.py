@@ -6,9 +6,9 @@ sheet, trimmed), and points drawn from the bunny. Nothing is downloaded, no scre
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +26,11 @@ OVERVIEW = ("chameleon", "bunny")
 
 def main() -> int:
     """Run the demo and return its exit code, see :func:`demo.work`."""
-    args = _arguments()
+    args = demo.parser(__doc__, "quickstart", 300.0, docs="docs/overview.png too").parse_args()
     output = args.out.resolve()
     rows: dict[str, Any] = {}
     jobs = {
-        name: lambda name=name, make=make: _run(name, make, output, args.timeout, rows)
+        name: partial(_run, name, make, output, args.timeout, rows)
         for name, make in _inputs(args.quick).items()
     }
     return demo.work(jobs, output, lambda: _overview(rows, output, args.docs))
@@ -74,12 +74,6 @@ def _overview(rows: dict[str, Any], output: Path, docs: bool) -> None:
             whole = pictures.stack([rows[name] for name in OVERVIEW])
             pictures.save(target / "overview.png", whole, OVERVIEW_BYTES)
             print(f"overview {target / 'overview.png'}")
-
-
-def _arguments() -> argparse.Namespace:
-    parser = demo.parser(__doc__, "quickstart", timeout=300.0)
-    parser.add_argument("--docs", action="store_true", help="renew docs/overview.png too")
-    return parser.parse_args()
 
 
 if __name__ == "__main__":

@@ -89,9 +89,16 @@ CHARTS = (
 def series(chart: Chart, rows: Sequence[Row]) -> dict[str, list[tuple[float, float]]]:
     """Return for every method the medians of y over the rows of equal x, x ascending.
 
-    For charts over noise only those inputs and sizes count that have several levels of noise.
+    For charts over noise only those inputs and sizes count that have several levels of noise. For
+    charts over size the input with the most sizes counts: others would have points in between.
     """
     rows = [row for row in rows if chart.takes(row)]
+    if chart.x == "points":
+        sizes: dict[Any, set[int]] = {}
+        for row in rows:
+            sizes.setdefault(row["input"], set()).add(row["points"])
+        most = max(sizes, key=lambda name: len(sizes[name]), default=None)
+        rows = [row for row in rows if row["input"] == most]
     if chart.x == "noise":
         levels: dict[tuple[Any, Any], set[float]] = {}
         for row in rows:

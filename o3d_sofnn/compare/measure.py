@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn import metrics
+from o3d_sofnn.vectors import unit
 
 from .peers import Mesh
 
@@ -66,8 +67,8 @@ def figures(points: Array, mesh: Mesh, truth: Truth | None, count: int) -> dict[
         Keys of ``FIGURES``, without time and memory. Those that need a truth are missing without.
     """
     v, f = mesh.vertices, mesh.triangles
-    unit = 1e-3 * float(np.linalg.norm(np.ptp(points, axis=0)))
-    inward = distances(points, v, f)[0] / unit
+    thousandth = 1e-3 * float(np.linalg.norm(np.ptp(points, axis=0)))
+    inward = distances(points, v, f)[0] / thousandth
     found = {
         "triangles": len(f),
         "components": metrics.component_labels(f)[0],
@@ -82,7 +83,7 @@ def figures(points: Array, mesh: Mesh, truth: Truth | None, count: int) -> dict[
         there, there_normals = metrics.sample_surface(truth.vertices, truth.triangles, count)
         out, out_normals = distances(here, truth.vertices, truth.triangles)
         back, back_normals = distances(there, v, f)
-        out, back = out / unit, back / unit
+        out, back = out / thousandth, back / unit
         limit = 1e3 * F_SCORE_DISTANCE
         precision, recall = (out < limit).mean(), (back < limit).mean()
         found["chamfer"] = 0.5 * (out.mean() + back.mean())
@@ -102,10 +103,7 @@ def distances(x: Array, vertices: Array, triangles: Array) -> tuple[Array, Array
     import igl
 
     squared, nearest, _ = igl.point_mesh_squared_distance(x, vertices, triangles.astype(np.int64))
-    a, b, c = (vertices[triangles[nearest, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.sqrt(squared), normals / np.maximum(length, 1e-300)
+    return np.sqrt(squared), unit(metrics.area_vectors(vertices, triangles[nearest]))
 
 
 def _count_loops(edges: Array) -> int:

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from o3d_sofnn.vectors import unit
+
 Array = NDArray[Any]
 
 SUPERSAMPLING = 2
@@ -203,9 +205,8 @@ def depth_colors(frame: Frame, points: Array) -> Array:
 def _shade(corners: Array, colors: Array) -> Array:
     """Return the lit colours at the corners of triangles in the frame of the viewer."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    normals = np.cross(b - a, c - a) * [1.0, -1.0, 1.0]
     # Rows grow downwards, which mirrors the picture and turns the normals.
-    normals = -normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    normals = unit(np.cross(b - a, c - a) * [-1.0, 1.0, -1.0])
     back = normals[:, 2] < 0
     lit = np.abs(normals @ (LIGHT / np.linalg.norm(LIGHT)))
     own = np.where(back[:, None, None], BACK, colors)
