@@ -83,7 +83,7 @@ def figures(points: Array, mesh: Mesh, truth: Truth | None, count: int) -> dict[
         there, there_normals = metrics.sample_surface(truth.vertices, truth.triangles, count)
         out, out_normals = distances(here, truth.vertices, truth.triangles)
         back, back_normals = distances(there, v, f)
-        out, back = out / thousandth, back / unit
+        out, back = out / thousandth, back / thousandth
         limit = 1e3 * F_SCORE_DISTANCE
         precision, recall = (out < limit).mean(), (back < limit).mean()
         found["chamfer"] = 0.5 * (out.mean() + back.mean())
