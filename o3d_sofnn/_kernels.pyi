@@ -172,6 +172,13 @@ def typical_data(
 class WindingLists:
     """Places, and what a tree sums there."""
 
+def divide_cells(normals: _Floats, first: _Ints, n_threads: int) -> tuple[_Ints, _Ints]:
+    """Divide the cells ``normals[first[i]:first[i + 1]]`` of unit normals by their side.
+
+    Returns rows (n,), the part that faces the way of the first row at the head of each cell, and
+    how many that part has (c,).
+    """
+
 class DualWalk:
     """Walk over the dual cubes of a balanced octree, from those at `points` (n, 3) on.
 

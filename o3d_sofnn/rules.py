@@ -214,7 +214,7 @@ def typical_data(
     """
     # Leaves smaller than a neighbourhood would get one rule each, however far they overlap.
     leaves = build_octree(points, max(LEAF, int(np.median(scale.n_neighbors)) // 4))
-    order, offsets, facing = divide_by_side(normals[leaves.order], leaves.offsets)
+    order, offsets, facing = divide_by_side(normals[leaves.order], leaves.offsets, n_threads)
     x = np.ascontiguousarray(leaves.points[order])
     count = np.diff(offsets)
     middle = x[(offsets[:-1] + offsets[1:]) // 2]
@@ -260,7 +260,7 @@ def sides_around(
 
 
 def divide_by_side(
-    normals: NDArray[np.float64], offsets: NDArray[np.int64]
+    normals: NDArray[np.float64], offsets: NDArray[np.int64], n_threads: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
     """Divide cells whose normals face both ways along their main axis.
 
@@ -270,6 +270,8 @@ def divide_by_side(
         Unit normals, cell by cell.
     offsets : (c + 1,) int64
         Cell ``i`` holds rows ``offsets[i]`` to ``offsets[i + 1]``.
+    n_threads : int
+        Threads.
 
     Returns
     -------
@@ -280,14 +282,10 @@ def divide_by_side(
     facing : (p, 3) float64
         Mean normal of each part.
     """
-    count = np.diff(offsets)
-    cell = np.repeat(np.arange(len(count)), count)
-    products = np.einsum("ni,nj->nij", normals, normals).reshape(-1, 9)
-    spread = np.add.reduceat(products, offsets[:-1]).reshape(-1, 3, 3)
-    axis = np.linalg.eigh(spread)[1][:, :, 2]
-    part = 2 * cell + (np.einsum("nd,nd->n", normals, axis[cell]) < 0)
-    order = np.argsort(part, kind="stable")
-    first = np.flatnonzero(np.diff(part[order], prepend=-1))
+    order, size = map(np.asarray, _kernels.divide_cells(normals, offsets, n_threads))
+    starts = np.stack([offsets[:-1], offsets[:-1] + size], axis=1)
+    first = np.append(starts, len(normals))
+    first = first[:-1][np.diff(first) > 0]
     facing = np.add.reduceat(normals[order], first)
     return order, np.append(first, len(normals)), facing
 

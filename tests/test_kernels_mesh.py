@@ -105,3 +105,15 @@ def test_label_pieces(share):
     found = np.asarray(_kernels.label_pieces(some, len(vertices)))
     np.testing.assert_array_equal(found, reference.label_pieces(some, len(vertices)))
     assert (found.max() == 0) == (share == 1.0)
+
+
+def test_divide_cells():
+    rng = np.random.default_rng(0)
+    normals = rng.normal([0.0, 0.0, 3.0], size=(2000, 3))
+    normals *= rng.choice([-1.0, 1.0], (2000, 1)) / np.linalg.norm(normals, axis=1, keepdims=True)
+    first = np.unique(np.concatenate([[0, 2000], rng.integers(1, 2000, 80)]))
+    order, size = reference.divide_cells(normals, first)
+    for threads in (1, 3):
+        found = _kernels.divide_cells(normals, first, threads)
+        np.testing.assert_array_equal(found[0], order)
+        np.testing.assert_array_equal(found[1], size)

@@ -7,6 +7,7 @@
 #include "inference.hpp"
 #include "morton.hpp"
 #include "rlps.hpp"
+#include "sides.hpp"
 #include "typical_data.hpp"
 #include "units.hpp"
 #include "winding.hpp"
@@ -279,6 +280,18 @@ NB_MODULE(_kernels, m) {
         "points"_a, "offsets"_a, "n_clusters"_a, "iterations"_a, "tolerance"_a, "n_threads"_a);
 
   nb::class_<WindingLists>(m, "WindingLists");
+  m.def("divide_cells",
+        [](Points normals, Ints first, int threads) {
+          const size_t cells = first.shape(0) - 1;
+          std::vector<int64_t> order(normals.shape(0)), size(cells);
+          {
+            nb::gil_scoped_release release;
+            divide_cells(normals.data(), first.data(), cells, threads, order.data(), size.data());
+          }
+          return nb::make_tuple(array(std::move(order), {normals.shape(0)}), array(std::move(size), {cells}));
+        },
+        "normals"_a, "first"_a, "n_threads"_a);
+
   nb::class_<WindingTree>(m, "WindingTree")
       .def("__init__", [](WindingTree* t, Points p, Doubles area, int threads) { new (t) WindingTree(p.data(), area.data(), p.shape(0), threads); },
            "points"_a, "area"_a, "n_threads"_a = 1, nb::call_guard<nb::gil_scoped_release>())

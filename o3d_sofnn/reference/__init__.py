@@ -15,6 +15,7 @@ from .morton import sort_morton
 from .neighbors import crowded, query
 from .rlps import reconstruct_units
 from .rules import Rules
+from .sides import divide_cells
 from .typical_data import typical_data
 from .winding import evaluate_winding
 
@@ -24,6 +25,7 @@ __all__ = [
     "bent_vertices",
     "consequent_errors",
     "crowded",
+    "divide_cells",
     "evaluate_field",
     "evaluate_winding",
     "fit_rules",
