@@ -27,7 +27,7 @@ from .scale import refine_scale
 from .surface import mesh
 from .validation import affine_rank, thread_count
 from .vectors import bounds
-from .winding import orient_points, seen_from, turned_to
+from .winding import leaned, orient_points, seen_from, turned_to
 
 __all__ = ["STAGES", "NormalEstimate", "SurfaceEstimate", "estimate_normals", "reconstruct_surface"]
 
@@ -299,14 +299,17 @@ def _infer(learned: Learned, threads: int, clock: Clock) -> tuple[NormalEstimate
         nearest = KdTree(rules.feet, threads).query(learned.points, 1, np.inf, threads)[1][:, 0]
         confidence = agreement * rules.confidence[nearest]
         noise = rules.noise[nearest]
+        spacing = float(np.median(learned.scale.spacing))
+        doubt = (1.0 - confidence) * np.minimum(1.0, 2.0 * noise / spacing)
+        leaning = leaned(normals, sides, doubt)
     back = learned.inverse
     estimate = NormalEstimate(
-        normals=normals[back],
+        normals=leaning[back],
         confidence=confidence[back],
         outliers=~learned.inliers[back],
         noise=noise[back] * learned.extent,
         noise_level=float(np.median(learned.scale.noise)) * learned.extent,
-        spacing=float(np.median(learned.scale.spacing)) * learned.extent,
+        spacing=spacing * learned.extent,
         seconds=dict(clock.seconds),
         rules=rules.moved(learned.extent, learned.middle),
         warnings=learned.warnings,

@@ -152,6 +152,28 @@ def seen_from(
     return unit(turned_to(viewpoint, points, sides) + unit(viewpoint - points))
 
 
+def leaned(
+    normals: NDArray[np.float64],
+    sides: NDArray[np.float64],
+    share: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Lean doubtful normals towards the winding number's, which are smoother over thin parts.
+
+    Parameters
+    ----------
+    normals, sides : (n, 3) float64
+        Unit normals from the rules and from the winding number, zero where there is none.
+    share : (n,) float64
+        Weight of the second beside the first.
+
+    Returns
+    -------
+    (n, 3) float64
+        Unit normals.
+    """
+    return unit(normals + share[:, None] * sides)
+
+
 def turned_to(
     viewpoint: NDArray[np.float64],
     points: NDArray[np.float64],
