@@ -14,7 +14,7 @@ from .network import SOFNN
 from .rule_files import read_rules
 
 if TYPE_CHECKING:
-    from .rules import RuleBase
+    from .rule_base import RuleBase
 
 Array = NDArray[np.float64]
 

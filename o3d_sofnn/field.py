@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from . import _kernels
 from .rlps import LocalSurfaces
-from .rules import RuleBase
+from .rule_base import RuleBase
 from .winding import neighborhood_areas
 from .winding_normals import OPENING
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from . import _kernels
 from .local_fit import RADIUS
-from .rules import RuleBase
+from .rule_base import RuleBase
 
 ERROR = 3.0
 """System error, over the tolerance, above which a new rule is considered."""

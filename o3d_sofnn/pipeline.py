@@ -1,8 +1,8 @@
-"""The method from top to bottom, arrays in and arrays out: a call a stage, a file behind each."""
+"""The two operators on arrays: a call a stage, a file behind each; stages 1 to 5 in `learning`."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Literal
 
@@ -13,41 +13,20 @@ from . import metrics
 from ._kernels import KdTree, vertex_normals
 from .attributes import attribute_weights
 from .clock import STAGES, Clock, Progress
-from .experience import Experience, shipped
+from .experience import shipped
 from .field import Field
-from .growth import adjust, combine, discard, generate, reshape
-from .local_fit import Scale, choose_scale, find_outliers
-from .octree import sort_unique
-from .orientation import certainty, settle, undecided
+from .learning import Learned, learn_rules
 from .resolution import choose_levels, choose_voxel_size
 from .results import NormalEstimate, SurfaceEstimate
 from .rlps import local_surfaces
-from .rules import RuleBase, fit_rules, infer_normals, sides_around, typical_data
-from .scale import refine_scale
+from .rules import infer_normals
 from .surface import mesh
 from .validation import affine_rank, thread_count
-from .vectors import bounds
-from .winding import leaned, orient_points, seen_from, turned_to
+from .winding import leaned, turned_to
 
 __all__ = ["STAGES", "NormalEstimate", "SurfaceEstimate", "estimate_normals", "reconstruct_surface"]
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Learned:
-    """What both operators need: the rule base of a cloud moved and scaled into the unit cube."""
-
-    points: Array
-    inverse: NDArray[np.int64]
-    tree: KdTree
-    scale: Scale
-    inliers: NDArray[np.bool_]
-    sides: Array
-    rules: RuleBase
-    middle: Array
-    extent: float
-    warnings: tuple[str, ...]
 
 
 def estimate_normals(
@@ -204,84 +183,6 @@ def reconstruct_surface(
         seconds=clock.seconds,
         watertight=metrics.is_closed(triangles),
     )
-
-
-def learn_rules(
-    points: Array,
-    normals: Array | None,
-    max_nn: int | None,
-    radius: float | None,
-    viewpoint: Array | None,
-    towards: Array | None,
-    threads: int,
-    clock: Clock,
-    experience: Experience | None,
-) -> Learned:
-    """Stages 1 to 5: from points to oriented rules, with or without off-line rules."""
-    if len(points) < 4:
-        raise ValueError(f"points: at least 4 rows expected, got {len(points)}")
-    if affine_rank(points) < 2:
-        raise ValueError("points are all equal or lie on one line: no surface goes through them")
-    with clock.stage("cells"):
-        low, high = bounds(points)
-        middle, extent = 0.5 * (low + high), float((high - low).max())
-        order, inverse = sort_unique(points)
-        x = np.ascontiguousarray((points[order] - middle) / extent)
-    with clock.stage("scale"):
-        limit = None if radius is None else radius / extent
-        tree = KdTree(x, threads)
-        scale = choose_scale(x, tree, max_nn, limit, threads)
-        inliers = ~find_outliers(x, tree, scale, threads)
-        clean = np.ascontiguousarray(x[inliers])
-        if not inliers.all():
-            tree = KdTree(clean, threads)
-            scale = choose_scale(clean, tree, max_nn, limit, threads)
-    with clock.stage("orientation"):
-        known = normals is not None or viewpoint is not None
-        if normals is None:
-            sides = orient_points(clean, float(np.median(scale.noise)), threads)
-        else:
-            sides = np.ascontiguousarray(normals[order][inliers])
-        if viewpoint is not None:
-            seen = order[inliers]
-            places = viewpoint[seen] if viewpoint.ndim == 2 else viewpoint
-            sides = seen_from(places, points[seen], sides)
-        scale = refine_scale(clean, tree, scale, sides, max_nn, limit, threads)
-    with clock.stage("typical data"):
-        centers, facing = typical_data(clean, sides, tree, scale, threads)
-        pilot = scale.at(centers, threads)
-        size, noise = scale.n_neighbors[pilot], scale.noise[pilot]
-    with clock.stage("rules"):
-        rules = fit_rules(clean, tree, centers, size, noise, threads, normals=sides, sides=facing)
-        warnings: tuple[str, ...] = ()
-        if not known:
-            rules, sides, warnings = settle(rules, sides, clean, towards, threads)
-    with clock.stage("growth"):
-        normals, _, residual = infer_normals(
-            rules, clean, threads, sides=sides, experience=experience
-        )
-        facing = sides_around(rules.centers, rules.normals, normals, tree, threads)
-        centers, count, noise = generate(rules, clean, residual, threads)
-        side = infer_normals(rules, centers, threads)[0]
-        size, across, stretch = reshape(rules, max_nn, limit)
-        rules = fit_rules(
-            clean,
-            tree,
-            np.concatenate([rules.feet, centers]),
-            np.concatenate([size, count]),
-            np.concatenate([rules.noise, noise]),
-            threads,
-            normals=normals,
-            sides=np.concatenate([facing, side]),
-            across=np.concatenate([across, np.zeros_like(centers)]),
-            stretch=np.concatenate([stretch, np.ones(len(centers))]),
-        )
-        rules = adjust(combine(discard(rules), threads), clean, threads)
-        confidence = certainty(rules, threads)
-        if not known and towards is None:
-            confidence[undecided(rules, threads)] = 0.0
-        rules = replace(rules, confidence=confidence)
-    return Learned(x, inverse, tree, scale, inliers, sides, rules, middle, extent, warnings)
 
 
 def _infer(learned: Learned, threads: int, clock: Clock) -> tuple[NormalEstimate, Array, Array]:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._kernels import KdTree
-from .rules import RuleBase
+from .rule_base import RuleBase
 from .vectors import longest_side
 
 SIDE = 1024

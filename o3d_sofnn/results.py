@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
-from .rules import RuleBase
+from .rule_base import RuleBase
 
 
 @dataclass(frozen=True)

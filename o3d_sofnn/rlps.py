@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _kernels
-from .rules import RuleBase, fit_rules, infer_normals
+from .rows import joined
+from .rule_base import RuleBase
+from .rules import fit_rules, infer_normals
 
 NOISE_PRECISION = 4.0
 """Precision epsilon over the noise level: residuals up to here are noise, not shape."""
@@ -32,8 +34,6 @@ class LocalSurfaces:
         The point that has it.
     precision : (r,) float64
         Epsilon of each unit.
-    offset_points : int
-        Offset points used: one for each unit that needed centres.
     """
 
     terms: NDArray[np.float64]
@@ -41,23 +41,20 @@ class LocalSurfaces:
     error: NDArray[np.float64]
     worst: NDArray[np.float64]
     precision: NDArray[np.float64]
-    offset_points: int
 
     @property
     def unresolved(self) -> NDArray[np.bool_]:
         """Units whose largest residual exceeds the precision, for step 3 of Algorithm 2."""
         return self.error > self.precision
 
+    @property
+    def offset_points(self) -> int:
+        """Offset points used: one for each unit that needed centres."""
+        return int((self.n_terms > 0).sum())
+
     def joined(self, other: LocalSurfaces) -> LocalSurfaces:
         """Both sets of units, this one first."""
-        return LocalSurfaces(
-            np.concatenate([self.terms, other.terms]),
-            np.concatenate([self.n_terms, other.n_terms]),
-            np.concatenate([self.error, other.error]),
-            np.concatenate([self.worst, other.worst]),
-            np.concatenate([self.precision, other.precision]),
-            self.offset_points + other.offset_points,
-        )
+        return joined(self, other)
 
 
 SMALLEST = 8
@@ -162,12 +159,10 @@ def reconstruct_units(
         limit,
         n_threads,
     )
-    used = np.asarray(n_terms)
     return LocalSurfaces(
         np.asarray(terms),
-        used,
+        np.asarray(n_terms),
         np.asarray(error),
         np.asarray(worst),
         limit,
-        int((used > 0).sum()),
     )

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from ._kernels import KdTree
 from .local_fit import REGION, Scale, limit_radius, sizes_to_try
-from .rules import fit_rules, sides_around
+from .rules import fit_rules
+from .typical_data import sides_around
 
 HEIGHTS = 4.0
 """Weight of a difference in height, over the radius of a middling fit, against one in radians."""

@@ -10,7 +10,8 @@ from shapes import plane_patch, sphere, torus
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.growth import RESIZED, SUPPORTED, discard, reshape
 from o3d_sofnn.pipeline import estimate_normals
-from o3d_sofnn.rules import LONGEST, fit_rules
+from o3d_sofnn.rule_base import LONGEST
+from o3d_sofnn.rules import fit_rules
 
 
 def fitted(shape, noise=0.0, **options):

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.clock import Clock
 from o3d_sofnn.experience import place_inputs, rule_inputs
+from o3d_sofnn.learning import learn_rules
 from o3d_sofnn.octree import sort_unique
-from o3d_sofnn.pipeline import learn_rules
 from o3d_sofnn.reference.inference import log_memberships
 from o3d_sofnn.reference.rules import Rules
 
