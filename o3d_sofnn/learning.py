@@ -13,7 +13,7 @@ from .experience import Experience
 from .growth import adjust, combine, discard, generate, reshape
 from .local_fit import Scale, choose_scale, find_outliers
 from .octree import sort_unique
-from .orientation import certainty, settle, undecided
+from .orientation import certainty, settle
 from .rule_base import RuleBase
 from .rules import fit_rules, infer_normals
 from .scale import refine_scale
@@ -112,8 +112,6 @@ def learn_rules(
             stretch=np.concatenate([stretch, np.ones(len(centers))]),
         )
         rules = adjust(combine(discard(rules), threads), clean, threads)
-        confidence = certainty(rules, threads)
-        if not known and towards is None:
-            confidence[undecided(rules, threads)] = 0.0
-        rules = replace(rules, confidence=confidence)
+        settled = known or towards is not None
+        rules = replace(rules, confidence=certainty(rules, settled, threads))
     return Learned(x, inverse, tree, scale, inliers, sides, rules, middle, extent, warnings)

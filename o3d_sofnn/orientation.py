@@ -106,13 +106,15 @@ def empty_in_front(rules: RuleBase, n_threads: int) -> NDArray[np.bool_]:
     return np.asarray(np.abs(_winding_number(rules, (1.0,), n_threads)[0]) < 0.25)
 
 
-def certainty(rules: RuleBase, n_threads: int) -> NDArray[np.float64]:
+def certainty(rules: RuleBase, settled: bool, n_threads: int) -> NDArray[np.float64]:
     """How far the winding number falls from one spacing behind each rule to one in front of it.
 
     Parameters
     ----------
     rules : RuleBase
         Oriented rules.
+    settled : bool
+        The user has said which side is which.
     n_threads : int
         Threads.
 
@@ -120,10 +122,12 @@ def certainty(rules: RuleBase, n_threads: int) -> NDArray[np.float64]:
     -------
     (r,) float64
         1 where both sides are clear, less on parts thinner than two spacings and where neighbours
-        disagree, 0 where the rule faces against what surrounds it.
+        disagree, 0 where the rule faces against what surrounds it and, unless `settled`, where
+        its side is a toss of a coin.
     """
-    front, behind = _winding_number(rules, (1.0, -1.0), n_threads)
-    return np.clip(behind - front, 0.0, 1.0)
+    front, behind, on = _winding_number(rules, (1.0, -1.0, 0.0), n_threads)
+    sure = np.clip(behind - front, 0.0, 1.0)
+    return sure if settled else np.where(_balanced(rules, on, n_threads), 0.0, sure)
 
 
 def _winding_number(
@@ -250,8 +254,13 @@ def undecided(rules: RuleBase, n_threads: int) -> NDArray[np.bool_]:
     (r,) bool
         True where the winding number is as often above as below zero on the piece.
     """
+    return _balanced(rules, _winding_number(rules, (0.0,), n_threads)[0], n_threads)
+
+
+def _balanced(rules: RuleBase, winding: NDArray[np.float64], n_threads: int) -> NDArray[np.bool_]:
+    """Whether the winding number on the piece that each rule belongs to is zero in the mean."""
     piece = pieces(rules, n_threads)
-    level = np.bincount(piece, rules.areas * _winding_number(rules, (0.0,), n_threads)[0])
+    level = np.bincount(piece, rules.areas * winding)
     balanced = np.abs(level) < PREFERENCE * np.bincount(piece, rules.areas)
     return np.asarray((balanced & (np.bincount(piece) >= SHEET))[piece])
 
