@@ -25,6 +25,8 @@ from o3d_sofnn.compare.peers import Array
 HERE = Path(__file__).parent
 NOISE = (0.0, 0.005)
 """Of the points, along each axis, in parts of the diagonal."""
+MODELS = ("bunny", "cow", "bone")
+"""Of the wheel, compared without arguments."""
 SAMPLES = 50_000
 """Points drawn from each surface to measure their distance."""
 PATIENT = {"OMP_WAIT_POLICY": "PASSIVE"}
@@ -50,38 +52,44 @@ def main() -> int:
     output.mkdir(parents=True, exist_ok=True)
     count = SAMPLES // 10 if args.quick else SAMPLES
     rows: list[dict[str, Any]] = []
-    for name, points, truth in _clouds(args.truth, min(args.points, 4000 if args.quick else 10**9)):
-        for method in args.methods:
-            print(f"{name}: {method} ... ", end="", flush=True)
-            row = _run(points, truth, method, count, args.timeout)
-            rows.append({"input": name, "method": method, **row})
-            print(row["error"] or f"{row['seconds']:.2f} s", flush=True)
-            _write_csv(output / "meshlab.csv", rows)
+    points = min(args.points, 4000) if args.quick else args.points
+    failed = interrupted = False
+    try:
+        for file in map(str, args.truth or [inputs.MODELS[name][0] for name in MODELS]):
+            try:
+                for name, cloud, truth in _clouds(file, points):
+                    for method in args.methods:
+                        print(f"{name}: {method} ... ", end="", flush=True)
+                        row = _run(cloud, truth, method, count, args.timeout)
+                        rows.append({"input": name, "method": method, **row})
+                        print(row["error"] or f"{row['seconds']:.2f} s", flush=True)
+                        _write_csv(output / "meshlab.csv", rows)
+            except (OSError, ValueError, RuntimeError) as error:  # the other inputs go on
+                failed = True
+                print(f"failed: {file}: {error}", flush=True)
+    except KeyboardInterrupt:
+        interrupted = True
+        print("\ninterrupted; this is what was finished", file=sys.stderr)
     table = "\n".join(_table(rows))
     (output / "meshlab.md").write_text(table + "\n", encoding="utf-8")
     print(f"\n{table}\n\n{output / 'meshlab.csv'}\n{output / 'meshlab.md'}")
-    return int(any(row["error"] for row in rows if row["method"] == "meshlab_sofnn"))
+    if interrupted:
+        return 130
+    return int(failed or any(row["error"] for row in rows if row["method"] == "meshlab_sofnn"))
 
 
-def _clouds(files: list[Path], count: int) -> Iterator[tuple[str, Array, Truth]]:
-    """Yield names, points and the true surface."""
-    names = [str(file.resolve()) for file in files]
-    for file in names or [inputs.MODELS[name][0] for name in ("bunny", "cow", "bone")]:
-        # A whole path stays what it is beside the folder of the wheel's models.
-        vertices, triangles, _ = inputs.read_model(file)
-        if not metrics.is_closed(triangles):
-            raise SystemExit(f"meshlab: {file}: expected a closed mesh")
-        if metrics.signed_volume(vertices, triangles) < 0:
-            triangles = triangles[:, ::-1].copy()
-        points, normals = metrics.sample_surface(vertices, triangles, count)
-        cloud = inputs.Cloud(Path(file).stem, points)
-        for noise in NOISE:
-            noisy = inputs.with_noise(cloud, noise)
-            yield (
-                f"{cloud.name}, {100 * noise:g} %",
-                noisy.points,
-                Truth(vertices, triangles, normals),
-            )
+def _clouds(file: str, count: int) -> Iterator[tuple[str, Array, Truth]]:
+    """Yield names, points and the true surface; a whole path, or a model of the wheel."""
+    vertices, triangles, _ = inputs.read_model(file)
+    if not metrics.is_closed(triangles):
+        raise ValueError("expected a closed mesh")
+    if metrics.signed_volume(vertices, triangles) < 0:
+        triangles = triangles[:, ::-1].copy()
+    points, normals = metrics.sample_surface(vertices, triangles, count)
+    cloud = inputs.Cloud(Path(file).stem, points)
+    for noise in NOISE:
+        noisy = inputs.with_noise(cloud, noise)
+        yield f"{cloud.name}, {100 * noise:g} %", noisy.points, Truth(vertices, triangles, normals)
 
 
 def _run(points: Array, truth: Truth, method: str, count: int, timeout: float) -> dict[str, Any]:
@@ -149,7 +157,9 @@ def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("truth", nargs="*", type=Path, help="closed meshes to sample")
+    parser.add_argument(
+        "truth", nargs="*", type=lambda text: Path(text).resolve(), help="closed meshes to sample"
+    )
     parser.add_argument("--methods", nargs="+", choices=list(TITLES), default=list(TITLES))
     parser.add_argument("--points", type=int, default=20_000, help="drawn from each mesh")
     parser.add_argument(

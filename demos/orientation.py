@@ -6,6 +6,7 @@ Sides are absolute: nothing is turned by hand.
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterator
 
 import numpy as np
@@ -60,35 +61,62 @@ def shapes(n: int, noise: float) -> Iterator[tuple[str, Array, Array]]:
     yield "waves (open)", points, slope / np.linalg.norm(slope, axis=1, keepdims=True)
 
 
-def main() -> None:
-    """Print both tables."""
+LEVELS = (0.0, 0.005, 0.01)
+"""Of noise, in units of the size."""
+
+
+def main() -> int:
+    """Print both tables; 0, 1 when a shape failed, 130 after Ctrl-C."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-n", type=int, default=20_000, help="points of each shape")
+    parser.add_argument("--quick", action="store_true", help="1,500 points of each shape")
     options = parser.parse_args()
-    levels = (0.0, 0.005, 0.01)
-    print(
-        "| shape | " + " | ".join(f"noise {100 * level:g} %" for level in levels) + " | warning |"
-    )
-    print("|---" * (len(levels) + 2) + "|")
-    confidence, wrong = [], []
+    count = 1500 if options.quick else options.n
+    code = 0
+    confidence, wrong = [np.zeros(0)], [np.zeros(0, bool)]
     rows: dict[str, list[str]] = {}
     said: dict[str, str] = {}
-    for level in levels:
-        for name, points, normals in shapes(options.n, level):
-            noise = np.random.default_rng(1).normal(0.0, level, points.shape)
-            found = estimate_normals(points + noise)
-            flipped = (found.normals * normals).sum(axis=1) < 0.0
-            rows.setdefault(name, []).append(f"{100 * flipped.mean():.2f}")
-            said[name] = "yes" if found.warnings else ""
-            confidence.append(found.confidence[found.confidence > 0.0])
-            wrong.append(flipped[found.confidence > 0.0])
+    try:
+        for level in LEVELS:
+            for name, points, normals in shapes(count, level):
+                print(f"{name}, noise {100 * level:g} %", file=sys.stderr, flush=True)
+                noise = np.random.default_rng(1).normal(0.0, level, points.shape)
+                try:
+                    found = estimate_normals(points + noise)
+                except (ValueError, MemoryError) as error:  # the other shapes go on
+                    print(f"  failed: {error}", file=sys.stderr)
+                    rows.setdefault(name, []).append("failed")
+                    code = 1
+                    continue
+                flipped = (found.normals * normals).sum(axis=1) < 0.0
+                rows.setdefault(name, []).append(f"{100 * flipped.mean():.2f}")
+                said[name] = "yes" if found.warnings else ""
+                confidence.append(found.confidence[found.confidence > 0.0])
+                wrong.append(flipped[found.confidence > 0.0])
+    except KeyboardInterrupt:
+        code = 130
+        print("interrupted; this is what was finished", file=sys.stderr)
+    print_tables(rows, said, np.concatenate(confidence), np.concatenate(wrong))
+    return code
+
+
+def print_tables(
+    rows: dict[str, list[str]], said: dict[str, str], confidence: Array, wrong: NDArray[np.bool_]
+) -> None:
+    """Print the flipped share by shape and noise, and by tenth of the confidence."""
+    titles = [f"noise {100 * level:g} %" for level in LEVELS]
+    print("| shape | " + " | ".join(titles) + " | warning |")
+    print("|---" * (len(LEVELS) + 2) + "|")
     for name, cells in rows.items():
-        print(f"| {name} | " + " | ".join(cells) + f" | {said[name]} |")
-    order = np.argsort(np.concatenate(confidence), kind="stable")
-    tenths = np.array_split(np.concatenate(wrong)[order], 10)
+        cells = cells + [""] * (len(LEVELS) - len(cells))
+        print(f"| {name} | " + " | ".join(cells) + f" | {said.get(name, '')} |")
+    if len(wrong) < 10:
+        return
+    order = np.argsort(confidence, kind="stable")
+    tenths = np.array_split(wrong[order], 10)
     print("\nFlipped, % of each tenth of the points, least confident first:")
     print(", ".join(f"{100 * tenth.mean():.2f}" for tenth in tenths))
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

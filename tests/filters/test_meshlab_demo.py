@@ -55,11 +55,16 @@ def test_every_method_is_measured(tmp_path: Path) -> None:
         assert float(cells[4]) == pytest.approx(float(row["chamfer"]), rel=0.01)
 
 
-def test_an_open_mesh_is_no_truth(tmp_path: Path) -> None:
+def test_an_open_mesh_is_no_truth_and_the_others_go_on(tmp_path: Path) -> None:
     ms = pymeshlab.MeshSet()
     ms.create_grid()
     ms.save_current_mesh(str(tmp_path / "sheet.ply"))
-    done = run(tmp_path / "sheet.ply", "--out", tmp_path / "out")
+    ms.create_sphere()
+    ms.save_current_mesh(str(tmp_path / "ball.ply"))
+    files = [tmp_path / name for name in ("missing.ply", "sheet.ply", "ball.ply")]
+    small = ["--quick", "--points", "500", "--methods", "meshlab_sofnn"]
+    done = run(*files, *small, "--out", tmp_path / "out")
     assert done.returncode == 1
-    assert "sheet.ply: expected a closed mesh" in done.stderr
-    assert not (tmp_path / "out" / "meshlab.csv").exists()
+    assert "missing.ply: " in done.stdout
+    assert "sheet.ply: expected a closed mesh" in done.stdout
+    assert (tmp_path / "out" / "meshlab.csv").read_text(encoding="utf-8").count("ball") == 2
