@@ -54,7 +54,7 @@ inline void load_points(const double* points, const double* normals, const doubl
 // An elliptical neighbourhood: so many times narrower along one tangent and wider along the other than a circle of the
 // same area has the root of it.
 struct Ellipse {
-  Vec3 across, along;
+  Vec3 across{0, 0, 0}, along{0, 0, 0};
   double stretch = 1;
 };
 
