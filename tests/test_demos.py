@@ -82,25 +82,29 @@ def heed_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def test_ctrl_c_ends_a_demo_quietly(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["quickstart", "gallery", "paper", "meshlab", "orientation"])
+def test_ctrl_c_ends_a_demo_quietly(name: str, tmp_path: Path) -> None:
     if sys.platform == "win32":
         pytest.skip("there is no SIGINT to send")
+    folder = [] if name == "orientation" else ["--out", tmp_path / "out"]
     with subprocess.Popen(
-        [sys.executable, DEMOS / "quickstart.py", "--out", tmp_path / "out"],
+        [sys.executable, DEMOS / f"{name}.py", *folder],
         stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
         text=True,
         start_new_session=True,
         preexec_fn=heed_interrupts,
     ) as process:
         assert process.stdout is not None
-        process.stdout.readline()
+        first = process.stdout.read(1)
         time.sleep(0.5)
         os.killpg(process.pid, signal.SIGINT)
-        _, errors = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert "Traceback" not in errors
-    assert "interrupted" in errors
+        output, _ = process.communicate(timeout=60)
+    assert first
+    assert process.returncode == 130, output
+    assert "Traceback" not in output
+    assert "interrupted" in output
 
 
 def test_gallery_cases_have_unique_pictures_below_their_limit(run: Run, tmp_path: Path) -> None:
