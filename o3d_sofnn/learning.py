@@ -11,9 +11,10 @@ from ._kernels import KdTree
 from .clock import Clock
 from .experience import Experience
 from .growth import adjust, combine, discard, generate, reshape
-from .local_fit import Scale, choose_scale, find_outliers
+from .local_fit import Scale
 from .octree import sort_unique
 from .orientation import certainty, settle
+from .outliers import MANY, off_surface, part_outliers
 from .rule_base import RuleBase
 from .rules import fit_rules, infer_normals
 from .scale import refine_scale
@@ -64,13 +65,8 @@ def learn_rules(
         x = np.ascontiguousarray((points[order] - middle) / extent)
     with clock.stage("scale"):
         limit = None if radius is None else radius / extent
-        tree = KdTree(x, threads)
-        scale = choose_scale(x, tree, max_nn, limit, threads)
-        inliers = ~find_outliers(x, tree, scale, threads)
+        inliers, tree, scale = part_outliers(x, max_nn, limit, threads)
         clean = np.ascontiguousarray(x[inliers])
-        if not inliers.all():
-            tree = KdTree(clean, threads)
-            scale = choose_scale(clean, tree, max_nn, limit, threads)
     with clock.stage("orientation"):
         known = normals is not None or viewpoint is not None
         if normals is None:
@@ -114,4 +110,9 @@ def learn_rules(
         rules = adjust(combine(discard(rules), threads), clean, threads)
         settled = known or towards is not None
         rules = replace(rules, confidence=certainty(rules, settled, threads))
+        if (~inliers).mean() > MANY:
+            residual = infer_normals(rules, clean, threads, sides=sides, experience=experience)[2]
+            near = off_surface(residual, clean, scale, threads)
+            inliers[inliers] = ~near
+            sides, tree = sides[~near], KdTree(np.ascontiguousarray(clean[~near]), threads)
     return Learned(x, inverse, tree, scale, inliers, sides, rules, middle, extent, warnings)

@@ -1,4 +1,4 @@
-"""Stage 2: local plane and quadric fits, their scale, the noise level and the outlier rule."""
+"""Stage 2: local plane and quadric fits, their scale and the noise level."""
 
 from __future__ import annotations
 
@@ -13,11 +13,6 @@ SCALES = np.array([8, 12, 18, 27, 40, 60, 90, 135, 200, 300, 450, 675, 1000], np
 """Neighbourhood sizes tried, a factor of 1.5 apart."""
 RADIUS = 1.1
 """Radius of a fit over the distance of its last neighbour (as in the native kernel)."""
-ALONE = (2.2, 2.5)
-"""Mean distance to the neighbours from which on a point is alone, over the usual one of the region
-and over that of the neighbours themselves."""
-FLAT = 0.05
-"""Surface variation of neighbourhoods that lie on a surface."""
 RANDOM = 0.5
 """Mean disagreement in radians above which normals carry no information (unrelated ones: 1)."""
 FEW = 11
@@ -175,65 +170,3 @@ def noise_level(
     ratio = (n_fine / n_coarse) ** 3.0
     rest = (fine**2 - ratio * coarse**2) / np.maximum(1.0 - ratio, 1e-3)
     return np.sqrt(np.maximum(rest, 0.0))
-
-
-def find_outliers(
-    points: NDArray[np.float64],
-    tree: KdTree,
-    scale: Scale,
-    n_threads: int,
-    *,
-    n_neighbors: int = 8,
-) -> NDArray[np.bool_]:
-    """Mark points that lie alone (Algorithm 1, step 5).
-
-    The paper counts points in the cells around. With uneven density the same question is asked of
-    the mean distance to the nearest points: against theirs (Breunig et al. 2000, local outlier
-    factor), and against the spacing of the region, for outliers that have each other as neighbours;
-    sparse parts of a surface are told from those by being flat.
-
-    Parameters
-    ----------
-    points : (n, 3) float64
-        Distinct points.
-    tree : KdTree
-        Over `points`.
-    scale : Scale
-        Of the same points.
-    n_threads : int
-        Threads.
-    n_neighbors : int, default 8
-        Neighbours looked at.
-
-    Returns
-    -------
-    (n,) bool
-        True for outliers.
-    """
-    k = min(n_neighbors + 1, len(points))
-    if k < 5:
-        return np.zeros(len(points), bool)
-    pilot = scale.at(points, n_threads)
-    usual = scale.spacing[pilot] + scale.noise[pilot]
-    # All neighbours within the limit: so is their mean. Only the few others are looked at closely.
-    crowded = tree.crowded(points, k, ALONE[0] * usual, n_threads)
-    doubtful = np.flatnonzero(crowded == 0)
-    reach, index = _mean_distance(points[doubtful], tree, k, n_threads)
-    alone = reach > ALONE[0] * usual[doubtful]
-    lonely, reach, index = doubtful[alone], reach[alone], index[alone]
-    if not 0 < len(lonely) < 0.5 * len(points):
-        return np.zeros(len(points), bool)
-    _, info = fit_scales(tree, points, points[lonely], np.array([k + 4], np.int64), n_threads)
-    around, _ = _mean_distance(points[index.ravel()], tree, k, n_threads)
-    apart = reach > ALONE[1] * np.median(around.reshape(index.shape), axis=1)
-    outlier = np.zeros(len(points), bool)
-    outlier[lonely] = apart | (info[:, 0, 3] > FLAT)
-    return outlier
-
-
-def _mean_distance(
-    x: NDArray[np.float64], tree: KdTree, k: int, n_threads: int
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Mean distance of points of the tree to their neighbours, and these without the point."""
-    distance, index = tree.query(x, k, np.inf, n_threads)
-    return np.asarray(distance[:, 1:].mean(axis=1)), np.asarray(index[:, 1:])

@@ -1,4 +1,4 @@
-"""Scale, noise level and outliers, found without being told."""
+"""Scale and noise level, found without being told."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from shapes import box, join, plane_patch, sphere, torus
 
 from o3d_sofnn._kernels import KdTree
-from o3d_sofnn.local_fit import SCALES, choose_scale, find_outliers
+from o3d_sofnn.local_fit import SCALES, choose_scale
 from o3d_sofnn.octree import sort_unique
 
 SHAPES = {"sphere": (sphere, 2.0), "plane": (plane_patch, 1.0), "torus": (torus, 2.8)}
@@ -18,11 +18,6 @@ def scale_of(points, **limits):
     points = np.ascontiguousarray(points[sort_unique(points)[0]])
     limit = limits.get("max_neighbors"), limits.get("max_radius")
     return choose_scale(points, KdTree(points, 1), *limit, 1)
-
-
-def outliers_of(cloud):
-    tree = KdTree(cloud, 1)
-    return find_outliers(cloud, tree, choose_scale(cloud, tree, None, None, 1), 1)
 
 
 @pytest.mark.parametrize("noise", [0.001, 0.003, 0.01])
@@ -88,27 +83,3 @@ def test_few_points_have_a_scale(n):
     assert (scale.n_neighbors <= max(n, SCALES[0])).all()
     assert np.isfinite(scale.noise).all()
     assert (scale.spacing > 0.0).all()
-
-
-@pytest.mark.parametrize("noise", [0.0, 0.005])
-@pytest.mark.parametrize("name", SHAPES)
-def test_uniform_outliers_are_found(name, noise):
-    shape, size = SHAPES[name]
-    points = shape(5000).noisy(noise * size).points
-    center, edge = 0.5 * (points.min(axis=0) + points.max(axis=0)), 1.5 * size
-    alone = center + np.random.default_rng(5).uniform(-0.5, 0.5, (50, 3)) * edge
-    cloud = np.concatenate([points, alone])
-    outlier = outliers_of(cloud)
-    assert outlier[5000:].mean() > 0.6
-    assert outlier[:5000].mean() < 0.002
-
-
-def test_uneven_density_is_no_outlier():
-    cloud = join(sphere(8000), sphere(300).moved((5.0, 0.0, 0.0))).points
-    assert outliers_of(cloud).mean() < 0.002
-
-
-@pytest.mark.parametrize("n", [1, 3, 4, 9])
-def test_few_points_are_no_outliers(n):
-    cloud = sphere(n).points
-    assert not outliers_of(cloud).any()

@@ -1,0 +1,63 @@
+"""Outliers, found without being told of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from shapes import box, join, plane_patch, sphere, torus
+
+from o3d_sofnn.octree import sort_unique
+from o3d_sofnn.outliers import part_outliers
+from o3d_sofnn.pipeline import estimate_normals
+
+SHAPES = {"sphere": (sphere, 2.0), "plane": (plane_patch, 1.0), "torus": (torus, 2.8)}
+"""Shape and the edge of its bounding box."""
+
+
+def outliers_of(cloud):
+    order, inverse = sort_unique(cloud)
+    inliers = part_outliers(np.ascontiguousarray(cloud[order]), None, None, 1)[0]
+    return ~inliers[inverse]
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.005])
+@pytest.mark.parametrize("name", SHAPES)
+def test_uniform_outliers_are_found(name, noise):
+    shape, size = SHAPES[name]
+    points = shape(5000).noisy(noise * size).points
+    center, edge = 0.5 * (points.min(axis=0) + points.max(axis=0)), 1.5 * size
+    alone = center + np.random.default_rng(5).uniform(-0.5, 0.5, (50, 3)) * edge
+    cloud = np.concatenate([points, alone])
+    outlier = outliers_of(cloud)
+    assert outlier[5000:].mean() > 0.6
+    assert outlier[:5000].mean() < 0.002
+
+
+def test_uneven_density_is_no_outlier():
+    cloud = join(sphere(8000), sphere(300).moved((5.0, 0.0, 0.0))).points
+    assert outliers_of(cloud).mean() < 0.002
+
+
+@pytest.mark.parametrize("n", [1, 3, 4, 9])
+def test_few_points_are_no_outliers(n):
+    cloud = sphere(n).points
+    assert not outliers_of(cloud).any()
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.004])
+@pytest.mark.parametrize(("share", "least"), [(0.05, 0.87), (0.1, 0.87), (0.2, 0.8)])
+@pytest.mark.parametrize("shape", [box, torus])
+def test_many_outliers_are_found(shape, share, least, noise):
+    points = shape(8000).noisy(noise).points
+    size = np.ptp(points, axis=0)
+    rng = np.random.default_rng(5)
+    alone = rng.uniform(-0.6, 0.6, (int(8000 * share), 3)) * size
+    outlier = estimate_normals(np.concatenate([points, alone])).outliers
+    found = 2.0 * outlier[8000:].sum() / (outlier.sum() + len(alone))
+    assert found > least  # F1; a third of the outliers lies within two spacings of the box
+    assert outlier[:8000].mean() < 0.001
+
+
+@pytest.mark.parametrize("shape", [box, torus, sphere])
+def test_strong_noise_is_no_outlier(shape):
+    assert outliers_of(shape(8000).noisy(0.03).points).mean() < 0.001
