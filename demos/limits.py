@@ -18,8 +18,10 @@ from dental_shapes import molar
 from numpy.typing import NDArray
 
 from o3d_sofnn import pipeline
+from o3d_sofnn.field import NEAREST, PLACES
 from o3d_sofnn.local_fit import PILOTS, SCALES
-from o3d_sofnn.winding import ITERATIONS, representatives
+from o3d_sofnn.winding import representatives
+from o3d_sofnn.winding_normals import NARROWING, OPENING, ROUNDS, STEPS
 
 Array = NDArray[Any]
 
@@ -34,11 +36,12 @@ PASSES = 3 * (81 + 28)
 RULE = 95
 """Flops of one rule at one place."""
 RULES = 12
-SOURCES = 550
+SOURCES = 550 * (0.5 / OPENING) ** 2
 """Nodes and points that the tree code sums for one place; counted once at the opening of 1/2."""
+SUMS = 2 * ROUNDS * STEPS + 4 * (1 + NARROWING)
+"""Sums over all representatives: two a step of conjugate gradients, four an iteration."""
 PAIR = 25
 """Flops for each of them."""
-FIELD_RULES = 16
 POINT = 24
 """Bytes of a point or a normal."""
 
@@ -88,10 +91,10 @@ def count(points: Array, run: pipeline.SurfaceEstimate) -> dict[str, Work]:
     fits = fitted * (SEARCH + FIT + PASSES)
     infer = Work(n * 3.7 * POINT, n * RULES * RULE)
     unknowns = len(representatives(points))
-    winding = 4.0 * sum(ITERATIONS) * unknowns * SOURCES * PAIR
-    # Corners of the cubes around the surface: twice as many as vertices.
+    winding = SUMS * unknowns * SOURCES * PAIR
+    # Corners of the cubes around the surface: twice as many as vertices, which are evaluated again.
     corners = 2.0 * vertices
-    field = corners * (FIELD_RULES * (RULE + 60) + SOURCES * PAIR)
+    field = (corners + vertices) * (NEAREST * (RULE + 30) + SOURCES * PAIR)
     return {
         # Keys, six passes over pairs of key and index, points in their new order.
         "cells": Work(n * (POINT + 6 * 32 + 2 * POINT), n * 20.0),
@@ -104,8 +107,8 @@ def count(points: Array, run: pipeline.SurfaceEstimate) -> dict[str, Work]:
         "growth": Work(2.0 * infer.bytes + n * 2.0 * POINT, fits + 2.0 * infer.flops),
         "inference": Work(2.0 * infer.bytes, infer.flops),
         "local surfaces": Work(infer.bytes + n * 2.0 * POINT, infer.flops + 6.0 * fitted * 20),
-        "field": Work(n * 6.0 * POINT, n * float(SOURCES * PAIR), single=True),
-        "surface": Work(corners * 3 * POINT + vertices * 6.0 * POINT, field),
+        "field": Work(n * 6.0 * POINT, min(n, PLACES) * float(SOURCES * PAIR), single=True),
+        "surface": Work(corners * 3 * POINT + vertices * 12.0 * POINT, field),
         "attributes": Work(vertices * 6.0 * POINT, vertices * RULES * float(RULE)),
     }
 
