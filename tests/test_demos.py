@@ -165,6 +165,29 @@ def test_paper_takes_files_and_samples_a_mesh_with_few_vertices(
     np.testing.assert_array_equal(points, paper.Input("molar", file).points)
 
 
+def test_paper_says_when_blas_crashed_and_tries_one_thread(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.syspath_prepend(DEMOS)
+    import paper
+
+    from o3d_sofnn.compare.isolated import Outcome
+
+    def call(function: Any, *_: Any, environment: dict[str, str], **__: Any) -> Outcome:
+        if function is paper.experiments.solution_seconds:
+            return Outcome(2.0 if environment else 1.0, None, 1.0, None)
+        return (
+            Outcome("done", None, 1.0, None) if environment else Outcome(None, "crashed", 1, None)
+        )
+
+    monkeypatch.setattr(paper, "call", call)
+    found = paper.Paper(tmp_path, True, 10.0)._variational(np.zeros((20, 3)), 1.0)
+    assert found == "done"
+    said = capsys.readouterr().out
+    assert "failed with all threads of BLAS: crashed" in said
+    assert "traditional method, 20 points, one thread: " in said
+
+
 def test_compare_demo_takes_inputs_from_the_wheel(run: Run, tmp_path: Path) -> None:
     out = tmp_path / "out"
     options = ("--quick", "--out", out, "--points", 800, "--sizes", "--methods")
