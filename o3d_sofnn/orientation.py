@@ -26,6 +26,9 @@ SMOOTH = 0.7
 PREFERENCE = 0.05
 """Mean winding number on a piece below which neither of its sides is the outer one: 1/2 on a closed
 surface, 0 on a plane."""
+PATCH = 100, 0.1
+"""Rules that an open sheet has at least, or share of all if that is less: the tips of thin arms are
+smaller pieces of the tree."""
 SHEET = 9
 """Rules from which on a piece may be a sheet: what the winding number of fewer says is chance."""
 SHARE = 0.01
@@ -84,7 +87,8 @@ def unify(rules: RuleBase, n_threads: int) -> tuple[RuleBase, NDArray[np.bool_]]
     edges = np.bincount(pieces_of_edges, minlength=count)
     noisy = np.bincount(pieces_of_edges, within_noise, count) > NOISY[1] * edges
     sheet = (noisy & (after <= NOISY[2] * before)) | ((closed < CLOSED) & (after < 0.5 * before))
-    replaced = sheet[piece]
+    size = np.bincount(piece)
+    replaced = (sheet & (size >= min(PATCH[0], PATCH[1] * n)))[piece]
     return rules.facing(normals * np.where(replaced, sign, 1.0)[:, None]), replaced
 
 
