@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import minimize
 
 from .clustering import row_chunks
 from .membership import (
@@ -127,6 +125,8 @@ def adjust(neurons: Neurons, x: Array, y: Array, noise: float, max_iter: int) ->
         value += 0.5 * price * float(step @ step)
         return value / len(x), (slopes + price * step / unit) / len(x)
 
+    from scipy.optimize import minimize  # slow to import, and inference does without it
+
     found = minimize(
         error,
         start,
@@ -150,6 +150,8 @@ def description_length(neurons: Neurons, x: Array, y: Array, resolution: float) 
 
 
 def _solve(gram: Array, moment: Array, ridge: float) -> Array:
+    from scipy.linalg import cho_factor, cho_solve
+
     factor = cho_factor(gram + ridge * np.eye(len(gram)), check_finite=False)
     solution: Array = cho_solve(factor, moment, check_finite=False)
     return solution

@@ -6,7 +6,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from .adjustment import adjust, description_length, solve_consequents
 from .clustering import fuzzy_c_means, partition_memberships
@@ -73,6 +72,8 @@ def noise_level(x: Array, y: Array) -> float:
     if n <= n_neighbors:
         return 0.0
     rows = np.linspace(0, n - 1, min(n, _NOISE_ROWS)).astype(int)
+    from scipy.spatial import cKDTree  # slow to import, and inference does without it
+
     _, neighbors = cKDTree(x).query(x[rows], n_neighbors + 1)
     # Among equal inputs the row itself need not come first; it must not predict itself.
     itself = neighbors == rows[:, None]
