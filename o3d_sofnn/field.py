@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,6 +31,10 @@ PLACES = 50_000
 """Samples that say enough about the mean winding number of all."""
 ALIKE = 8
 """Most consecutive samples that share one area."""
+
+
+Evaluate = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
+"""What a field is to others: (m, 3) places to (m,) values, negative inside, and (m,) support."""
 
 
 class Field:

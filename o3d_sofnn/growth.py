@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from . import _kernels
 from .local_fit import RADIUS
 from .rule_base import RuleBase
+from .rules import NEAREST
 
 ERROR = 3.0
 """System error, over the tolerance, above which a new rule is considered."""
@@ -32,8 +33,6 @@ RESIZED = (0.5, 1.25)
 """Least and largest number of points of a rule over what the region would have."""
 RATE = 0.5
 """Step of the gradient descent, over the one that would cancel the mean error of a rule."""
-NEAREST = 12
-"""Rules with a share in the output at one place."""
 
 
 def generate(

@@ -65,8 +65,7 @@ def learn_rules(
         x = np.ascontiguousarray((points[order] - middle) / extent)
     with clock.stage("scale"):
         limit = None if radius is None else radius / extent
-        inliers, tree, scale = part_outliers(x, max_nn, limit, threads)
-        clean = np.ascontiguousarray(x[inliers])
+        inliers, clean, tree, scale = part_outliers(x, max_nn, limit, threads)
     with clock.stage("orientation"):
         known = normals is not None or viewpoint is not None
         if normals is None:

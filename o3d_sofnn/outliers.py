@@ -28,7 +28,7 @@ def part_outliers(
     max_neighbors: int | None,
     max_radius: float | None,
     n_threads: int,
-) -> tuple[NDArray[np.bool_], KdTree, Scale]:
+) -> tuple[NDArray[np.bool_], NDArray[np.float64], KdTree, Scale]:
     """Find the outliers, and the scale of what remains.
 
     Many outliers make each other's company, and the spacing of the surface hard to see: then the
@@ -45,10 +45,12 @@ def part_outliers(
     -------
     inliers : (n,) bool
         False for outliers.
+    clean : (m, 3) float64
+        The inliers.
     tree : KdTree
-        Over the inliers.
+        Over them.
     scale : Scale
-        Of the inliers.
+        Of them.
     """
     inliers, clean, share = np.ones(len(points), bool), points, 1.0
     tree = KdTree(clean, n_threads)
@@ -63,7 +65,7 @@ def part_outliers(
             clean = np.ascontiguousarray(points[inliers])
             tree = KdTree(clean, n_threads)
             scale = choose_scale(clean, tree, max_neighbors, max_radius, n_threads)
-    return inliers, tree, scale
+    return inliers, clean, tree, scale
 
 
 def find_outliers(
@@ -154,13 +156,17 @@ def _usual_distance(
     have no say, or outliers would be compared with outliers.
     """
     usual = scale.spacing + scale.noise
-    _, info = fit_scales(tree, points, scale.places, np.array([k + 4], np.int64), n_threads)
-    sparse = usual > SPARSE * np.median(usual)
-    credible = np.flatnonzero(~sparse | (info[:, 0, 3] < FLAT))
-    if len(credible) == len(usual):
+    credible = usual <= SPARSE * np.median(usual)
+    sparse = np.flatnonzero(~credible)
+    if len(sparse):
+        places = scale.places[sparse]
+        _, info = fit_scales(tree, points, places, np.array([k + 4], np.int64), n_threads)
+        credible[sparse] = info[:, 0, 3] < FLAT
+    if credible.all():
         return np.asarray(usual[scale.at(points, n_threads)])
-    near = KdTree(scale.places[credible], n_threads).query(points, 1, np.inf, n_threads)[1][:, 0]
-    return np.asarray(usual[credible[near]])
+    places = scale.places[credible]
+    near = KdTree(places, n_threads).query(points, 1, np.inf, n_threads)[1][:, 0]
+    return np.asarray(usual[credible][near])
 
 
 def _mean_distance(

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
 from . import _kernels
+from .field import Evaluate
 
 SHARE = 0.5
 """Part of the way to the middle of its neighbours that a vertex goes."""
@@ -28,7 +27,7 @@ Array = NDArray[np.float64]
 def relax(
     vertices: Array,
     triangles: NDArray[np.int32],
-    evaluate: Callable[[Array], tuple[Array, Array]],
+    evaluate: Evaluate,
 ) -> tuple[Array, Array]:
     """Even out the triangles of a closed mesh.
 

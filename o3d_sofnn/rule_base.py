@@ -11,6 +11,7 @@ from . import _kernels
 from .experience import Experience
 from .local_fit import RADIUS
 from .rows import joined
+from .vectors import unit
 
 RULES_PER_NEIGHBORHOOD = 8.0
 """Rules whose centres lie in the neighbourhood of one fit: how far neighbouring fits overlap."""
@@ -84,7 +85,7 @@ class RuleBase:
         """Unit normals of the quadrics at the feet, (r, 3)."""
         c = self.coefficients
         n = self.frames[:, 2] - c[:, 1:2] * self.frames[:, 0] - c[:, 2:3] * self.frames[:, 1]
-        return np.asarray(n / np.linalg.norm(n, axis=1, keepdims=True))
+        return unit(n)
 
     @property
     def curvatures(self) -> NDArray[np.float64]:
@@ -114,14 +115,13 @@ class RuleBase:
         """Direction of strongest curvature, (r, 3), and stretch along the other one, (r,)."""
         c = self.coefficients
         half = 0.5 * np.arctan2(c[:, 4], c[:, 3] - c[:, 5])
-        mean, spread = c[:, 3] + c[:, 5], np.hypot(c[:, 3] - c[:, 5], c[:, 4])
-        half = np.where(mean < 0.0, half + 0.5 * np.pi, half)
+        half = np.where(c[:, 3] + c[:, 5] < 0.0, half + 0.5 * np.pi, half)
         across = (
             np.cos(half)[:, None] * self.frames[:, 0] + np.sin(half)[:, None] * self.frames[:, 1]
         )
         # A curvature that noise alone may cause says nothing about the direction.
         floor = UNCERTAIN * self.noise / self.radius / np.sqrt(self.n_neighbors) + FLAT
-        strong, weak = 0.5 * (np.abs(mean) + spread), 0.5 * np.abs(np.abs(mean) - spread)
+        weak, strong = np.sort(0.5 * self.radius[:, None] * np.abs(self.curvatures)).T
         return across, np.clip(((strong + floor) / (weak + floor)) ** 0.5, 1.0, LONGEST)
 
     def facing(self, side: NDArray[np.float64]) -> RuleBase:

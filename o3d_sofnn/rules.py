@@ -9,6 +9,8 @@ from . import _kernels
 from .experience import Experience
 from .rule_base import RuleBase
 
+NEAREST = 12
+"""Rules that take part in the inference at one place."""
 ROBUST = 2.0
 """Width of the residual weight in the second fit, over the noise level."""
 
@@ -92,7 +94,7 @@ def infer_normals(
     n_threads: int,
     *,
     sides: NDArray[np.float64] | None = None,
-    k: int = 12,
+    k: int = NEAREST,
     experience: Experience | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Infer a normal at every point, eq. (7) and (9).

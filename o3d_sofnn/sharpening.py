@@ -8,12 +8,11 @@ Ohtake and Belyaev 2002, "Dual/primal mesh optimization").
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
 from . import _kernels
+from .field import Evaluate
 
 SHARP = 0.9
 """Cosine between the normals of a vertex and of one of its triangles below which it is moved."""
@@ -34,7 +33,7 @@ Array = NDArray[np.float64]
 def sharpen(
     vertices: Array,
     triangles: NDArray[np.int32],
-    evaluate: Callable[[Array], tuple[Array, Array]],
+    evaluate: Evaluate,
 ) -> Array:
     """Move the vertices beside sharp edges and corners onto them.
 
@@ -72,7 +71,7 @@ def sharpen(
 
 
 def touching_planes(
-    x: Array, length: Array, evaluate: Callable[[Array], tuple[Array, Array]]
+    x: Array, length: Array, evaluate: Evaluate
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Planes that touch the zero set of a function beside some places.
 

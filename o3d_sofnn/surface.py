@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .decimation import decimate
-from .field import Field
+from .field import Evaluate, Field
 from .grid import AdaptiveGrid
 from .marching_cubes import marching_cubes
 from .relaxation import relax
 from .sharpening import sharpen
 from .trimming import cut, drop_strays
-
-Evaluate = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
-
 
 BLOCK = 2**18
 """Places that are looked at together: each needs some thirty numbers on the way."""

@@ -15,11 +15,10 @@ from o3d_sofnn.learning import learn_rules
 from o3d_sofnn.octree import sort_unique
 from o3d_sofnn.reference.inference import log_memberships
 from o3d_sofnn.reference.rules import Rules
+from o3d_sofnn.rules import NEAREST
 
 Array = NDArray[np.float64]
 
-NEAREST = 12
-"""Rules that take part in the inference at one place."""
 ANGLES = (0.01, 1.2)
 """Errors below the first count as that much, those above the second as that little, in radians."""
 SOFTNESS = 0.3
