@@ -15,6 +15,7 @@ from .local_fit import Scale
 from .octree import sort_unique
 from .orientation import certainty, settle
 from .outliers import MANY, off_surface, part_outliers
+from .revision import revise
 from .rule_base import RuleBase
 from .rules import fit_rules, infer_normals
 from .scale import refine_scale
@@ -90,6 +91,11 @@ def learn_rules(
         normals, _, residual = infer_normals(
             rules, clean, threads, sides=sides, experience=experience
         )
+        if (~inliers).mean() > MANY:
+            near = ~off_surface(residual, clean, tree, scale, inliers, threads)
+            inliers[inliers] = near
+            clean, sides, normals, residual = (v[near] for v in (clean, sides, normals, residual))
+            tree = KdTree(clean, threads)
         facing = sides_around(rules.centers, rules.normals, normals, tree, threads)
         centers, count, noise = generate(rules, clean, residual, threads)
         side = infer_normals(rules, centers, threads)[0]
@@ -106,12 +112,15 @@ def learn_rules(
             across=np.concatenate([across, np.zeros_like(centers)]),
             stretch=np.concatenate([stretch, np.ones(len(centers))]),
         )
-        rules = adjust(combine(discard(rules), threads), clean, threads)
+        rules = combine(discard(rules), threads)
+        normals = infer_normals(rules, clean, threads, sides=sides, experience=experience)[0]
+        rules = discard(revise(rules, clean, tree, normals, threads))
+        rules = adjust(rules, clean, threads)
         settled = known or towards is not None
         rules = replace(rules, confidence=certainty(rules, settled, threads))
         if (~inliers).mean() > MANY:
             residual = infer_normals(rules, clean, threads, sides=sides, experience=experience)[2]
-            near = off_surface(residual, clean, scale, threads)
-            inliers[inliers] = ~near
-            sides, tree = sides[~near], KdTree(np.ascontiguousarray(clean[~near]), threads)
+            near = ~off_surface(residual, clean, tree, scale, inliers, threads)
+            inliers[inliers] = near
+            sides, tree = sides[near], KdTree(clean[near], threads)
     return Learned(x, inverse, tree, scale, inliers, sides, rules, middle, extent, warnings)

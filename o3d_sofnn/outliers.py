@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from ._kernels import KdTree, fit_scales
 from .local_fit import Scale, choose_scale
 
+COMPANY = 8
+"""Neighbours looked at."""
 ALONE = (2.2, 2.5)
 """Mean distance to the neighbours from which on a point is alone, over the usual one of the region
 and over that of the neighbours themselves."""
@@ -18,9 +20,11 @@ FLAT = 0.05
 MANY = 0.01
 """Share of outliers from which on the rest is looked at again: where some are far from the surface
 others are near it."""
-OFF = (3.5, 0.3)
-"""Distance from the surface from which on points are outliers then, over the noise level and over
-the spacing."""
+BESIDE = 0.2
+"""Distance from the surface, over the spacing, up to which no point is an outlier."""
+WITHIN = (2.0, 3.5)
+"""The same over the noise level, and the distance from which on every point is one. Whether they
+are in between depends on how many there are."""
 
 
 def part_outliers(
@@ -73,8 +77,6 @@ def find_outliers(
     tree: KdTree,
     scale: Scale,
     n_threads: int,
-    *,
-    n_neighbors: int = 8,
 ) -> NDArray[np.bool_]:
     """Mark points that lie alone (Algorithm 1, step 5).
 
@@ -93,15 +95,13 @@ def find_outliers(
         Of the same points.
     n_threads : int
         Threads.
-    n_neighbors : int, default 8
-        Neighbours looked at.
 
     Returns
     -------
     (n,) bool
         True for outliers.
     """
-    k = min(n_neighbors + 1, len(points))
+    k = min(COMPANY + 1, len(points))
     if k < 5:
         return np.zeros(len(points), bool)
     usual = _usual_distance(points, tree, scale, k, n_threads)
@@ -122,29 +122,53 @@ def find_outliers(
 
 
 def off_surface(
-    residual: NDArray[np.float64], points: NDArray[np.float64], scale: Scale, n_threads: int
+    residual: NDArray[np.float64],
+    points: NDArray[np.float64],
+    tree: KdTree,
+    scale: Scale,
+    inliers: NDArray[np.bool_],
+    n_threads: int,
 ) -> NDArray[np.bool_]:
     """Mark points that the rules have left beside the surface.
 
+    At some distance noise has become so unlikely that an outlier is the better explanation: there
+    the density of the points, a normal distribution about the surface, falls below that of the
+    outliers, of which some are known. What most of the neighbours have in common is no outlier but
+    a detail that the rules have missed.
+
     Parameters
     ----------
-    residual : (n,) float64
+    residual : (m,) float64
         Distance to the rule with the largest membership.
-    points : (n, 3) float64
+    points : (m, 3) float64
         Points.
+    tree : KdTree
+        Over `points`.
     scale : Scale
         Of the same points.
+    inliers : (n,) bool
+        False for the outliers known so far; `points` are the others.
     n_threads : int
         Threads.
 
     Returns
     -------
-    (n,) bool
+    (m,) bool
         True for outliers.
     """
     pilot = scale.at(points, n_threads)
-    limit = np.maximum(OFF[0] * scale.noise[pilot], OFF[1] * scale.spacing[pilot])
-    return np.asarray(np.abs(residual) > limit)
+    noise, spacing = np.maximum(scale.noise[pilot], 1e-12), scale.spacing[pilot]
+    volume = max(float(np.prod(np.ptp(points, axis=0))), 1e-12)
+    rare = (len(inliers) - inliers.sum()) / volume
+    dense = 1.0 / (np.sqrt(2.0 * np.pi) * noise * spacing**2)
+    within = np.sqrt(2.0 * np.log(np.maximum(dense / max(rare, 1e-12), 1.0)))
+    off = np.abs(residual) > np.maximum(np.clip(within, *WITHIN) * noise, BESIDE * spacing)
+    doubtful = np.flatnonzero(off)
+    if len(doubtful):
+        k = min(COMPANY + 1, len(points))
+        around = tree.query(points[doubtful], k, np.inf, n_threads)[1][:, 1:]
+        off[doubtful] = off[around].mean(axis=1) < 0.5
+    return np.asarray(off)
 
 
 def _usual_distance(

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from shapes import box, join, plane_patch, sphere, torus
 
+from o3d_sofnn._kernels import KdTree
+from o3d_sofnn.local_fit import Scale
 from o3d_sofnn.octree import sort_unique
-from o3d_sofnn.outliers import part_outliers
+from o3d_sofnn.outliers import off_surface, part_outliers
 from o3d_sofnn.pipeline import estimate_normals
 
 SHAPES = {"sphere": (sphere, 2.0), "plane": (plane_patch, 1.0), "torus": (torus, 2.8)}
@@ -61,3 +63,25 @@ def test_many_outliers_are_found(shape, share, least, noise):
 @pytest.mark.parametrize("shape", [box, torus, sphere])
 def test_strong_noise_is_no_outlier(shape):
     assert outliers_of(shape(8000).noisy(0.03).points).mean() < 0.001
+
+
+def beside(residual, known):
+    """Ask for points of a plane with these residuals, with so many outliers known."""
+    points = np.random.default_rng(0).uniform(-0.5, 0.5, (len(residual), 3)) * [1.0, 1.0, 0.1]
+    tree, one = KdTree(points, 1), np.ones(1)
+    places = points[:1]
+    scale = Scale(places, KdTree(places, 1), np.array([12]), 0.01 * one, 0.01 * one)
+    inliers = np.concatenate([np.ones(len(points), bool), np.zeros(known, bool)])
+    return off_surface(residual, points, tree, scale, inliers, 1)
+
+
+def test_more_outliers_make_a_distant_point_more_suspicious():
+    residual = np.zeros(2000)
+    residual[:5] = 0.01 * np.array([1.9, 2.5, 3.0, 3.4, 3.6])
+    few, many = beside(residual, 25)[:5], beside(residual, 50_000)[:5]
+    assert (few[0], few[4], many[0], many[4]) == (False, True, False, True)
+    assert few.sum() < many.sum()
+
+
+def test_what_a_whole_region_has_in_common_is_no_outlier():
+    assert not beside(np.full(2000, 0.05), 100).any()

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
-from shapes import plane_patch, sphere, torus
+from shapes import box, plane_patch, sphere, torus
 
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.growth import RESIZED, SUPPORTED, discard, reshape
 from o3d_sofnn.pipeline import estimate_normals
+from o3d_sofnn.revision import UNDISPUTED, revise
 from o3d_sofnn.rule_base import LONGEST
 from o3d_sofnn.rules import fit_rules
 
@@ -120,3 +121,31 @@ def test_neighborhoods_keep_the_limits_of_the_user():
     size, _, stretch = reshape(rules, None, limit)
     area = size / rules.n_neighbors * stretch
     assert (area <= np.maximum((limit / rules.radius) ** 2, 1.0) + 0.02).all()
+
+
+def test_rules_beside_an_edge_are_fitted_anew_and_gain_by_better_normals():
+    shape = box(6000)
+    points, tree = np.ascontiguousarray(shape.points), KdTree(shape.points, 1)
+    blurred = shape.normals[tree.query(points, 12, np.inf, 1)[1]].mean(axis=1)
+    blurred /= np.linalg.norm(blurred, axis=1, keepdims=True)
+    centers, size, noise = points[::20], np.full(300, 24), np.zeros(300)
+    rules = fit_rules(
+        points, tree, centers, size, noise, 1, normals=blurred, sides=shape.normals[::20]
+    )
+    revised = revise(rules, points, tree, shape.normals, 1)
+    disputed = rules.support < UNDISPUTED
+    assert 0 < disputed.sum() < len(rules)
+    assert len(revised) == len(rules)
+    kept = len(rules) - disputed.sum()
+    np.testing.assert_array_equal(revised.centers[:kept], rules.centers[~disputed])
+    truth = shape.normals[::20][disputed]
+    before = np.einsum("rd,rd->r", rules.normals[disputed], truth)
+    after = np.einsum("rd,rd->r", revised.normals[kept:], truth)
+    assert (1.0 - after).mean() < 0.5 * (1.0 - before).mean()
+
+
+def test_rules_with_undisputed_neighborhoods_stay():
+    shape = plane_patch(2000)
+    rules = fitted(shape)
+    tree = KdTree(shape.points, 1)
+    assert revise(rules, shape.points, tree, shape.normals, 1) is rules
