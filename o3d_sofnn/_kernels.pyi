@@ -250,6 +250,17 @@ def undo_turns(
 def label_pieces(triangles: NDArray[np.int32], n_vertices: int) -> _Ints:
     """Label the connected pieces of vertices (m,), in the order of their first ones."""
 
+def handle_edges(vertices: _Floats, triangles: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Find two edges for each handle of a closed mesh (2 g, 2): those of tree and cotree."""
+
+def short_loop(
+    vertices: _Floats, triangles: NDArray[np.int32], first: int, second: int
+) -> NDArray[np.int32]:
+    """Vertices of a short loop (k,) that does not divide the patch of `triangles` around an edge.
+
+    Borders of the patch have lids: a loop around one divides. Empty where every loop divides.
+    """
+
 class WindingTree:
     """Tree over sources (n, 3); `area` (n,) is their share in the centres of its nodes.
 

@@ -94,6 +94,10 @@ class Field:
             self._far_tree.winding(self._dipoles, x, WIDTH * spacing, OPENING, self.n_threads)
         )
 
+    def spacing_at(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Spacing of the samples nearest to places (m, 3), (m,)."""
+        return np.asarray(self._spacing[self._samples.query(x, 1, np.inf, self.n_threads)[1][:, 0]])
+
     def __call__(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Evaluate the field.
 

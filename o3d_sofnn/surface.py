@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from .decimation import decimate
 from .field import Evaluate, Field
 from .grid import AdaptiveGrid
+from .handles import open_handles
 from .marching_cubes import marching_cubes
 from .relaxation import relax
 from .sharpening import sharpen
@@ -65,6 +66,8 @@ def mesh(
         vertices = vertices[used]
     vertices, confidence = relax(vertices, triangles, implicit)
     vertices = sharpen(vertices, triangles, implicit)
+    vertices, triangles, source = open_handles(vertices, triangles, implicit.spacing_at)
+    confidence = confidence[source]
     if trim is not None:
         vertices, triangles, confidence = cut(vertices, triangles, confidence, trim)
         triangles, used = drop_strays(vertices, triangles, samples, n_threads)

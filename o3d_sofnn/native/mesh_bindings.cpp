@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "arrays.hpp"
 #include "dual_walk.hpp"
+#include "handles.hpp"
 #include "marching_cubes.hpp"
 #include "mesh.hpp"
 
@@ -113,6 +114,30 @@ void bind_mesh(nb::module_& m) {
           return array(std::move(label), {(size_t)n});
         },
         "triangles"_a, "n_vertices"_a);
+
+  m.def("handle_edges",
+        [](Points vertices, Triangles triangles) {
+          std::vector<int32_t> edges;
+          {
+            nb::gil_scoped_release release;
+            edges = handle_edges(view(vertices, triangles));
+          }
+          const size_t n = edges.size() / 2;
+          return array(std::move(edges), {n, 2});
+        },
+        "vertices"_a, "triangles"_a);
+
+  m.def("short_loop",
+        [](Points vertices, Triangles triangles, int32_t first, int32_t second) {
+          std::vector<int32_t> loop;
+          {
+            nb::gil_scoped_release release;
+            loop = Patch(vertices.data(), triangles.data(), (int32_t)triangles.shape(0), first, second).short_loop();
+          }
+          const size_t n = loop.size();
+          return array(std::move(loop), {n});
+        },
+        "vertices"_a, "triangles"_a, "first"_a, "second"_a);
 }
 
 }  // namespace sofnn

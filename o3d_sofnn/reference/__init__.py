@@ -7,6 +7,7 @@ arrays of the same shapes. Nothing in the package calls them.
 
 from .field import evaluate_field
 from .grid import DualWalk
+from .handles import handle_edges, short_loop
 from .inference import consequent_errors, infer_normals
 from .local_fit import fit_rules, fit_scales
 from .marching_cubes import marching_cubes
@@ -30,11 +31,13 @@ __all__ = [
     "evaluate_winding",
     "fit_rules",
     "fit_scales",
+    "handle_edges",
     "infer_normals",
     "label_pieces",
     "marching_cubes",
     "query",
     "reconstruct_units",
+    "short_loop",
     "sort_morton",
     "surroundings",
     "typical_data",

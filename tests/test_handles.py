@@ -1,0 +1,122 @@
+"""Handles too small for the data are opened, others stay, and nothing falls apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mesh_checks import assert_valid_mesh
+from shapes import sphere, torus
+
+from o3d_sofnn import _kernels, metrics, reference
+from o3d_sofnn.handles import open_handles
+from o3d_sofnn.relaxation import relax
+from o3d_sofnn.surface import extract
+
+SIZE = 0.05
+
+
+def ring(x, middle, axis, major, minor):
+    """Distance from a torus."""
+    along = (x - middle) @ np.asarray(axis, float)
+    across = np.linalg.norm(x - middle - along[:, None] * axis, axis=1)
+    return np.hypot(across - major, along) - minor
+
+
+def ball_with_handles(number):
+    """A unit ball with small handles around the equator, genus `number`."""
+
+    def distance(x):
+        values = np.linalg.norm(x, axis=1) - 1.0
+        for angle in np.arange(number) * 2.0 * np.pi / max(number, 1):
+            middle = np.array([np.cos(angle), np.sin(angle), 0.0])
+            side = np.array([-np.sin(angle), np.cos(angle), 0.0])
+            values = np.minimum(values, ring(x, middle, side, 0.17, 0.08))
+        return values, np.ones(len(x))
+
+    return distance
+
+
+def extracted(function, seeds):
+    vertices, triangles = extract(function, seeds, SIZE)
+    return relax(vertices, triangles, function)[0], triangles
+
+
+def genus(triangles):
+    return 1 - metrics.euler_characteristic(triangles) // 2
+
+
+@pytest.mark.parametrize("number", [0, 1, 5])
+def test_small_handles_are_opened(number):
+    before, triangles = extracted(ball_with_handles(number), sphere(6000).points)
+    assert genus(triangles) == number
+    after, opened, source = open_handles(before, triangles, lambda x: np.full(len(x), 0.12))
+    assert_valid_mesh(after, opened, components=1)
+    assert genus(opened) == 0
+    assert len(source) == len(after)
+    np.testing.assert_array_equal(source[: len(before)], np.arange(len(before)))
+    assert np.linalg.norm(after - before[source], axis=1).max() < 6 * SIZE
+    far = np.linalg.norm(before[:, :2], axis=1) < 0.5
+    np.testing.assert_array_equal(after[: len(before)][far], before[far])
+
+
+def test_handles_with_room_for_samples_stay():
+    before, triangles = extracted(ball_with_handles(3), sphere(6000).points)
+    after, same, _ = open_handles(before, triangles, lambda x: np.full(len(x), 0.03))
+    np.testing.assert_array_equal(same, triangles)
+    np.testing.assert_array_equal(after, before)
+    place = before[np.asarray(_kernels.handle_edges(before, triangles))].mean(axis=1)
+    angle = np.unique(np.round(np.arctan2(place[:, 1], place[:, 0]) / (2.0 * np.pi / 3.0)))
+    assert len(angle) == 3  # each handle has edges beside it
+
+
+def test_bridges_between_two_sheets_are_opened_and_the_last_one_stays():
+    places = np.array([[-0.6, -0.5], [0.6, -0.4], [0.0, 0.6], [0.1, 0.0]])
+
+    def two_plates(x):
+        plate = np.maximum(abs(x[:, :2]).max(axis=1) - 1.0, abs(abs(x[:, 2]) - 0.4) - 0.3)
+        away = np.linalg.norm(x[:, None, :2] - places, axis=2).min(axis=1)
+        return np.minimum(plate, np.maximum(away - 0.08, abs(x[:, 2]) - 0.3)), np.ones(len(x))
+
+    before, triangles = extracted(two_plates, np.random.default_rng(0).uniform(-1, 1, (9000, 3)))
+    assert genus(triangles) == 3
+    # The loop through two bridges is longer than what the data cannot tell: all of them stay.
+    kept = open_handles(before, triangles, lambda x: np.full(len(x), 0.1))[1]
+    assert genus(kept) == 3
+    after, opened, _ = open_handles(before, triangles, lambda x: np.full(len(x), 0.5))
+    assert_valid_mesh(after, opened, components=1)
+    assert genus(opened) == 0
+
+
+def rough(function, seed):
+    vertices, triangles = extract(function, sphere(4000).points, 0.09)
+    rng = np.random.default_rng(seed)
+    return vertices + rng.normal(0.0, 0.01, vertices.shape), triangles
+
+
+@pytest.mark.parametrize("number", [0, 1, 3])
+def test_kernels_agree_with_their_twins(number):
+    vertices, triangles = rough(ball_with_handles(number), number)
+    edges = np.asarray(_kernels.handle_edges(vertices, triangles))
+    np.testing.assert_array_equal(edges, reference.handle_edges(vertices, triangles))
+    assert edges.shape == (2 * number, 2)
+    middle = vertices[triangles].mean(axis=1)
+    for one, other in edges.tolist() or triangles[:1, :2].tolist():
+        for reach in (0.1, 0.4, 3.0):
+            near = np.linalg.norm(middle - vertices[one], axis=1) < reach
+            patch = np.ascontiguousarray(triangles[near])
+            loop = np.asarray(_kernels.short_loop(vertices, patch, one, other))
+            np.testing.assert_array_equal(loop, reference.short_loop(vertices, patch, one, other))
+            assert (len(loop) > 0) == (number > 0 and reach > 0.1)
+
+
+def test_a_loop_of_a_torus_goes_around_its_tube():
+    def function(x):
+        return ring(x, np.zeros(3), np.array([0.0, 0.0, 1.0]), 1.0, 0.3), np.ones(len(x))
+
+    vertices, triangles = extract(function, torus(6000).points, 0.09)
+    one, other = np.asarray(_kernels.handle_edges(vertices, triangles))[0].tolist()
+    loop = np.asarray(_kernels.short_loop(vertices, triangles, one, other))
+    x = vertices[loop]
+    length = np.linalg.norm(x - np.roll(x, -1, axis=0), axis=1).sum()
+    assert 0.6 * np.pi * 0.95 < length < 0.6 * np.pi * 1.3
+    assert len(np.asarray(_kernels.short_loop(vertices, triangles[:40], one, other))) == 0
