@@ -251,14 +251,21 @@ def label_pieces(triangles: NDArray[np.int32], n_vertices: int) -> _Ints:
     """Label the connected pieces of vertices (m,), in the order of their first ones."""
 
 def handle_edges(vertices: _Floats, triangles: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Find two edges for each handle of a closed mesh (2 g, 2): those of tree and cotree."""
+    """Find two half-edges for each handle of a closed mesh (2 g,): those of tree and cotree.
 
-def short_loop(
-    vertices: _Floats, triangles: NDArray[np.int32], first: int, second: int
-) -> NDArray[np.int32]:
-    """Vertices of a short loop (k,) that does not divide the patch of `triangles` around an edge.
+    Half-edge ``3 t + k`` goes from corner k of triangle t to the next one.
+    """
 
-    Borders of the patch have lids: a loop around one divides. Empty where every loop divides.
+def open_handles(
+    vertices: _Floats,
+    triangles: NDArray[np.int32],
+    edges: NDArray[np.int32],
+    radius: _Floats,
+) -> tuple[_Floats, NDArray[np.int32], NDArray[np.int32], NDArray[np.uint8]]:
+    """Cut short loops around handles within `radius` (k,) of half-edges (k,), and close both sides.
+
+    Returns vertices (m + c, 3), triangles, the vertex that each one was or is near to (m + c,), and
+    whether it lies on a cut (1 or 0).
     """
 
 class WindingTree:

@@ -64,7 +64,7 @@ def test_handles_with_room_for_samples_stay():
     after, same, _ = open_handles(before, triangles, lambda x: np.full(len(x), 0.03))
     np.testing.assert_array_equal(same, triangles)
     np.testing.assert_array_equal(after, before)
-    place = before[np.asarray(_kernels.handle_edges(before, triangles))].mean(axis=1)
+    place = before[triangles.ravel()[np.asarray(_kernels.handle_edges(before, triangles))]]
     angle = np.unique(np.round(np.arctan2(place[:, 1], place[:, 0]) / (2.0 * np.pi / 3.0)))
     assert len(angle) == 3  # each handle has edges beside it
 
@@ -94,29 +94,32 @@ def rough(function, seed):
 
 
 @pytest.mark.parametrize("number", [0, 1, 3])
-def test_kernels_agree_with_their_twins(number):
+@pytest.mark.parametrize("radius", [0.1, 0.4])
+def test_kernels_agree_with_their_twins(number, radius):
     vertices, triangles = rough(ball_with_handles(number), number)
     edges = np.asarray(_kernels.handle_edges(vertices, triangles))
     np.testing.assert_array_equal(edges, reference.handle_edges(vertices, triangles))
-    assert edges.shape == (2 * number, 2)
-    middle = vertices[triangles].mean(axis=1)
-    for one, other in edges.tolist() or triangles[:1, :2].tolist():
-        for reach in (0.1, 0.4, 3.0):
-            near = np.linalg.norm(middle - vertices[one], axis=1) < reach
-            patch = np.ascontiguousarray(triangles[near])
-            loop = np.asarray(_kernels.short_loop(vertices, patch, one, other))
-            np.testing.assert_array_equal(loop, reference.short_loop(vertices, patch, one, other))
-            assert (len(loop) > 0) == (number > 0 and reach > 0.1)
+    assert edges.shape == (2 * number,)
+    args = vertices, triangles, edges, np.full(len(edges), radius)
+    found = [np.asarray(x) for x in _kernels.open_handles(*args)]
+    expected = reference.open_handles(*args)
+    np.testing.assert_allclose(found[0], expected[0], rtol=0.0, atol=1e-14)
+    for array, other in zip(found[1:], expected[1:], strict=True):
+        np.testing.assert_array_equal(array, other)
+    assert genus(found[1]) == (number if radius == 0.1 else 0)
 
 
-def test_a_loop_of_a_torus_goes_around_its_tube():
+def test_a_torus_is_cut_around_its_tube():
     def function(x):
-        return ring(x, np.zeros(3), np.array([0.0, 0.0, 1.0]), 1.0, 0.3), np.ones(len(x))
+        return ring(x, np.zeros(3), np.array([0.0, 0.0, 1.0]), 1.0, 0.4), np.ones(len(x))
 
-    vertices, triangles = extract(function, torus(6000).points, 0.09)
-    one, other = np.asarray(_kernels.handle_edges(vertices, triangles))[0].tolist()
-    loop = np.asarray(_kernels.short_loop(vertices, triangles, one, other))
-    x = vertices[loop]
-    length = np.linalg.norm(x - np.roll(x, -1, axis=0), axis=1).sum()
-    assert 0.6 * np.pi * 0.95 < length < 0.6 * np.pi * 1.3
-    assert len(np.asarray(_kernels.short_loop(vertices, triangles[:40], one, other))) == 0
+    before, triangles = extracted(function, torus(6000).points)
+    edges = np.asarray(_kernels.handle_edges(before, triangles))[:1]
+    opened = _kernels.open_handles(before, triangles, edges, np.full(1, 9.0))
+    after, closed, _, touched = map(np.asarray, opened)
+    assert_valid_mesh(after, closed, components=1)
+    assert genus(closed) == 0
+    distance, _ = function(after[touched > 0])
+    assert np.sort(abs(distance))[:-2].max() < 0.02  # the loop is on the surface
+    angle = np.arctan2(after[touched > 0, 1], after[touched > 0, 0])
+    assert abs(np.exp(1j * angle).mean()) > 0.98  # and at one place of the ring

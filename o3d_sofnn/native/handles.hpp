@@ -3,14 +3,12 @@
 // embedded graphs", 2003; Erickson and Whittlesey, "Greedy optimal homotopy and homology generators", 2005). The edges of
 // a tree over the vertices, without them those of a tree over the triangles, and two edges a handle make all of a mesh.
 #pragma once
+#include <limits>
 #include <queue>
 
-#include "mesh.hpp"
+#include "cutting.hpp"
 
 namespace sofnn {
-
-// Half-edge 3 t + k goes from corner k of triangle t to the next one.
-inline int32_t following(int32_t h) { return h % 3 < 2 ? h + 1 : h - 2; }
 
 class Unions {
  public:
@@ -32,25 +30,8 @@ class Unions {
   std::vector<int32_t> parent_;
 };
 
-// Half-edges by the vertex that they leave, and the twin of each, -1 at a border.
-struct HalfEdges {
-  std::vector<int32_t> start, leaving, twin;
-
-  HalfEdges(const int32_t* corners, int32_t n, int64_t n_vertices) : start(n_vertices + 1, 0), leaving(n), twin(n, -1) {
-    for (int32_t h = 0; h < n; ++h) ++start[corners[h] + 1];
-    std::partial_sum(start.begin(), start.end(), start.begin());
-    std::vector<int32_t> next(start.begin(), start.end() - 1);
-    for (int32_t h = 0; h < n; ++h) leaving[next[corners[h]]++] = h;
-    for (int32_t h = 0; h < n; ++h) {
-      const int32_t end = corners[following(h)];
-      for (int32_t i = start[end]; i < start[end + 1]; ++i)
-        if (corners[following(leaving[i])] == corners[h]) twin[h] = leaving[i];
-    }
-  }
-};
-
-// Two edges for each handle of a closed mesh, as pairs of vertices, from trees of fewest edges: those that close the
-// shortest loops through the first vertex of a piece, so that they lie beside their handles.
+// Two half-edges for each handle of a closed mesh, from trees of fewest edges: those that close the shortest loops
+// through the first vertex of a piece, so that they lie beside their handles.
 inline std::vector<int32_t> handle_edges(const MeshView& mesh) {
   const int32_t *corners = mesh.triangles, n = static_cast<int32_t>(3 * mesh.n_triangles);
   const HalfEdges half(corners, n, mesh.n_vertices);
@@ -75,71 +56,62 @@ inline std::vector<int32_t> handle_edges(const MeshView& mesh) {
   Unions triangles(mesh.n_triangles);
   std::vector<int32_t> found;
   for (const int32_t h : others)
-    if (!triangles.join(h / 3, half.twin[h] / 3)) found.insert(found.end(), {corners[h], corners[following(h)]});
+    if (!triangles.join(h / 3, half.twin[h] / 3)) found.push_back(h);
   return found;
 }
 
-// The part of a mesh that some triangles make, with a lid on every border: a closed surface of some genus.
+// A part of a mesh with a lid on every border: a closed surface of some genus.
 class Patch {
  public:
-  // Only what hangs together with the edge from first to second.
-  Patch(const double* vertices, const int32_t* triangles, int32_t n, int32_t first, int32_t second) : vertices_(vertices) {
-    std::vector<int32_t> known(triangles, triangles + 3 * n), corners(3 * n);
-    std::sort(known.begin(), known.end());
-    known.erase(std::unique(known.begin(), known.end()), known.end());
-    for (int32_t h = 0; h < 3 * n; ++h)
-      corners[h] = static_cast<int32_t>(std::lower_bound(known.begin(), known.end(), triangles[h]) - known.begin());
-    const HalfEdges half(corners.data(), 3 * n, known.size());
+  Patch(Surface& surface, int32_t seed, double radius) : surface_(surface) {
+    const std::vector<int32_t> rows = surface.patch(seed, radius);
+    const auto n = static_cast<int32_t>(rows.size());
+    const auto local = [&](int32_t h) {
+      const int32_t t = surface.index[h / 3];
+      return t < 0 ? -1 : 3 * t + h % 3;
+    };
+    const auto global = [&](int32_t h) { return 3 * rows[h / 3] + h % 3; };
+    std::vector<int32_t> twin(3 * n), node(3 * n, -1);
+    for (int32_t h = 0; h < 3 * n; ++h) twin[h] = local(surface.twin[global(h)]);
+    for (const int32_t t : rows) surface.index[t] = -1;
     // A vertex at which the patch touches itself is a node for each side.
-    Unions corner(3 * n), piece(n);
-    int32_t seed = -1;
+    Unions corner(3 * n);
+    for (int32_t h = 0; h < 3 * n; ++h)
+      if (twin[h] >= 0) corner.join(h, following(twin[h])), corner.join(following(h), twin[h]);
     for (int32_t h = 0; h < 3 * n; ++h) {
-      if (triangles[h] == first && triangles[following(h)] == second) seed = h / 3;
-      const int32_t g = half.twin[h];
-      if (g >= 0) corner.join(h, following(g)), piece.join(h / 3, g / 3);
-    }
-    if (seed < 0) return;
-    std::vector<int32_t> node(3 * n, -1);
-    int64_t count = 0;
-    for (int32_t t = 0; t < n; ++t) {
-      if (piece.root(t) != piece.root(seed)) continue;
-      ++count;
-      for (int32_t h = 3 * t; h < 3 * t + 3; ++h) {
-        int32_t& number = node[corner.root(h)];
-        if (number < 0) number = static_cast<int32_t>(name_.size()), name_.push_back(triangles[h]);
-        node[h] = number;
-      }
+      int32_t& number = node[corner.root(h)];
+      if (number < 0) number = static_cast<int32_t>(name_.size()), name_.push_back(surface.corners[global(h)]);
+      node[h] = number;
     }
     Unions border(name_.size());
     std::vector<int32_t> lid(name_.size(), -1);
     for (int32_t h = 0; h < 3 * n; ++h)
-      if (node[h] >= 0 && half.twin[h] < 0) border.join(node[h], node[following(h)]);
+      if (twin[h] < 0) border.join(node[h], node[following(h)]);
     n_sides_ = n;
     for (int32_t h = 0; h < 3 * n; ++h) {
-      const int32_t g = half.twin[h];
-      if (node[h] < 0 || (g >= 0 && g < h)) continue;
-      int32_t other = g / 3;
-      if (g < 0) {
+      if (twin[h] >= 0 && twin[h] < h) continue;
+      int32_t other = twin[h] / 3;
+      if (twin[h] < 0) {
         int32_t& own = lid[border.root(node[h])];
         if (own < 0) own = n_sides_++;
         other = own;
       }
       const int32_t a = node[h], b = node[following(h)];
-      edges_.push_back({a, b, h / 3, other, norm(place(a) - place(b))});
+      edges_.push_back({a, b, h / 3, other, global(h), norm(place(a) - place(b))});
     }
-    twice_genus_ = 2 - (static_cast<int64_t>(name_.size() + n_sides_) - n + count - static_cast<int64_t>(edges_.size()));
-    if (twice_genus_ <= 0) return;
+    has_handle_ = static_cast<int64_t>(name_.size() + n_sides_) - static_cast<int64_t>(edges_.size()) < 2;
+    if (!has_handle_) return;
     beside_.resize(name_.size());
     for (size_t e = 0; e < edges_.size(); ++e)
       beside_[edges_[e].a].push_back(static_cast<int32_t>(e)), beside_[edges_[e].b].push_back(static_cast<int32_t>(e));
-    root_ = node[3 * seed];
+    root_ = node[seed % 3];
   }
 
-  // Vertices of a short loop that does not divide the patch; none where there is no such loop. Each round finds the
+  // Half-edges of a short loop that does not divide the patch; none where there is no such loop. Each round finds the
   // shortest of those through one vertex, the next one begins at the far side of the best loop.
   std::vector<int32_t> short_loop() {
     std::vector<int32_t> best;
-    if (twice_genus_ <= 0) return best;
+    if (!has_handle_) return best;
     double least = std::numeric_limits<double>::infinity();
     bool better = true;
     for (int round = 0; better && round < kRounds; ++round) {
@@ -148,14 +120,16 @@ class Patch {
       int32_t far_side = root_;
       for (const int32_t e : closing_edges()) {
         const std::vector<int32_t> loop = close(edges_[e]);
+        std::vector<int32_t> names, halves;
         double length = 0;
-        for (size_t i = 0; i < loop.size(); ++i) length += norm(place(loop[i]) - place(loop[(i + 1) % loop.size()]));
-        std::vector<int32_t> names;
-        for (const int32_t i : loop) names.push_back(name_[i]);
-        std::vector<int32_t> sorted(names);
-        std::sort(sorted.begin(), sorted.end());
-        const bool simple = std::adjacent_find(sorted.begin(), sorted.end()) == sorted.end();
-        if (simple && length < kShorter * least) least = length, best = names, far_side = loop[loop.size() / 2], better = true;
+        for (size_t i = 0; i < loop.size(); ++i) {
+          const int32_t next = loop[(i + 1) % loop.size()];
+          length += norm(place(loop[i]) - place(next));
+          names.push_back(name_[loop[i]]), halves.push_back(half_edge(loop[i], next));
+        }
+        std::sort(names.begin(), names.end());
+        const bool simple = std::adjacent_find(names.begin(), names.end()) == names.end();
+        if (simple && length < kShorter * least) least = length, best = halves, far_side = loop[loop.size() / 2], better = true;
       }
       root_ = far_side;
     }
@@ -167,23 +141,31 @@ class Patch {
   static constexpr double kShorter = 1 - 1e-9;
 
   struct Edge {
-    int32_t a, b, one, other;  // nodes, and the triangles or lids on both sides
+    int32_t a, b, one, other, half;  // nodes, the triangles or lids on both sides, and the half-edge from a to b
     double length;
   };
-  const double* vertices_;
+  const Surface& surface_;
   std::vector<int32_t> name_;
   std::vector<Edge> edges_;
   std::vector<std::vector<int32_t>> beside_;
   int32_t n_sides_ = 0, root_ = 0;
-  int64_t twice_genus_ = 0;
+  bool has_handle_ = false;
   std::vector<double> distance_;
   std::vector<int32_t> way_;  // edge that leads to each node
 
-  Vec3 place(int32_t node) const { return load(vertices_ + 3 * int64_t{name_[node]}); }
+  Vec3 place(int32_t node) const { return surface_.vertex(name_[node]); }
 
   int32_t before(int32_t node) const {
     const Edge& e = edges_[way_[node]];
     return e.a == node ? e.b : e.a;
+  }
+
+  int32_t half_edge(int32_t a, int32_t b) const {
+    for (const int32_t e : beside_[a]) {
+      if (edges_[e].b == b) return edges_[e].half;
+      if (edges_[e].a == b) return surface_.twin[edges_[e].half];
+    }
+    return -1;
   }
 
   void find_paths() {
@@ -228,5 +210,13 @@ class Patch {
     return one;
   }
 };
+
+// Opens the handles that lie in a ball of some radius around the middle of an edge, for one edge after the other.
+inline void open_handles(Surface& surface, const int32_t* edges, const double* radius, int64_t n) {
+  for (int64_t i = 0; i < n; ++i)
+    for (std::vector<int32_t> loop = Patch(surface, edges[i], radius[i]).short_loop(); !loop.empty();
+         loop = Patch(surface, edges[i], radius[i]).short_loop())
+      surface.cut(loop);
+}
 
 }  // namespace sofnn

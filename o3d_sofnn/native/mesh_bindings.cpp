@@ -12,6 +12,7 @@ using namespace nb::literals;
 using Signs = nb::ndarray<const bool, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Cubes = nb::ndarray<const int32_t, nb::shape<-1, 8>, nb::c_contig, nb::device::cpu>;
 using Ends = nb::ndarray<const int64_t, nb::shape<12, 2>, nb::c_contig, nb::device::cpu>;
+using HalfEdgeList = nb::ndarray<const int32_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using CaseTriangles = nb::ndarray<const int64_t, nb::shape<2, 256, -1, 3>, nb::c_contig, nb::device::cpu>;
 using CaseMembers = nb::ndarray<const int64_t, nb::shape<2, 256, 4, 12>, nb::c_contig, nb::device::cpu>;
 
@@ -122,22 +123,23 @@ void bind_mesh(nb::module_& m) {
             nb::gil_scoped_release release;
             edges = handle_edges(view(vertices, triangles));
           }
-          const size_t n = edges.size() / 2;
-          return array(std::move(edges), {n, 2});
+          const size_t n = edges.size();
+          return array(std::move(edges), {n});
         },
         "vertices"_a, "triangles"_a);
 
-  m.def("short_loop",
-        [](Points vertices, Triangles triangles, int32_t first, int32_t second) {
-          std::vector<int32_t> loop;
+  m.def("open_handles",
+        [](Points vertices, Triangles triangles, HalfEdgeList edges, Doubles radius) {
+          Surface surface(view(vertices, triangles));
           {
             nb::gil_scoped_release release;
-            loop = Patch(vertices.data(), triangles.data(), (int32_t)triangles.shape(0), first, second).short_loop();
+            open_handles(surface, edges.data(), radius.data(), edges.shape(0));
           }
-          const size_t n = loop.size();
-          return array(std::move(loop), {n});
+          const size_t n = surface.source.size(), t = surface.corners.size() / 3;
+          return nb::make_tuple(array(std::move(surface.vertices), {n, 3}), array(std::move(surface.corners), {t, 3}),
+                                array(std::move(surface.source), {n}), array(std::move(surface.touched), {n}));
         },
-        "vertices"_a, "triangles"_a, "first"_a, "second"_a);
+        "vertices"_a, "triangles"_a, "edges"_a, "radius"_a);
 }
 
 }  // namespace sofnn

@@ -7,7 +7,7 @@ arrays of the same shapes. Nothing in the package calls them.
 
 from .field import evaluate_field
 from .grid import DualWalk
-from .handles import handle_edges, short_loop
+from .handles import handle_edges, open_handles
 from .inference import consequent_errors, infer_normals
 from .local_fit import fit_rules, fit_scales
 from .marching_cubes import marching_cubes
@@ -35,9 +35,9 @@ __all__ = [
     "infer_normals",
     "label_pieces",
     "marching_cubes",
+    "open_handles",
     "query",
     "reconstruct_units",
-    "short_loop",
     "sort_morton",
     "surroundings",
     "typical_data",
