@@ -23,6 +23,11 @@ BLUR = 4.5
 """Smoothing width of the gradient at the points, over the noise."""
 
 
+LEANING = 0.5
+"""Most weight of the winding number's normal beside one from the rules: more turns few of them to
+the right side and costs all of them accuracy."""
+
+
 def orient_points(points: NDArray[np.float64], noise: float, n_threads: int) -> NDArray[np.float64]:
     """Find outward normals at all points from a global criterion alone.
 
@@ -164,14 +169,14 @@ def leaned(
     normals, sides : (n, 3) float64
         Unit normals from the rules and from the winding number, zero where there is none.
     share : (n,) float64
-        Weight of the second beside the first.
+        Weight of the second beside the first, at most one half.
 
     Returns
     -------
     (n, 3) float64
         Unit normals.
     """
-    return unit(normals + share[:, None] * sides)
+    return unit(normals + np.minimum(share, LEANING)[:, None] * sides)
 
 
 def turned_to(
