@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from . import _kernels
 from .local_fit import RADIUS
-from .rule_base import RuleBase
+from .rule_base import NOISE_TOLERANCE, SHAPE_TOLERANCE, RuleBase
 from .rules import NEAREST
 
 ERROR = 3.0
@@ -96,7 +96,10 @@ def reshape(
         Arguments for :func:`o3d_sofnn.rules.fit_rules`.
     """
     excess = (rules.residual / (USUAL * rules.tolerance)) ** 2 - 1.0
-    factor = RESIZED[1] * np.cbrt(MISFIT / np.maximum(excess, MISFIT))
+    # A wider fit is a better mean of the noise; where there is none nothing is to be gained.
+    noisy = np.minimum(NOISE_TOLERANCE * rules.noise / (SHAPE_TOLERANCE * rules.radius), 1.0)
+    widest = 1.0 + (RESIZED[1] - 1.0) * noisy
+    factor = widest * np.cbrt(MISFIT / np.maximum(excess, MISFIT))
     factor = np.maximum(factor, RESIZED[0])
     most = np.full(len(rules), np.inf)
     if max_neighbors is not None:
