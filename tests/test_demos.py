@@ -256,3 +256,29 @@ def test_orientation_prints_both_tables(run: Run) -> None:
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("\n| plate") == 3
     assert "least confident first" in done.stdout
+
+
+@pytest.fixture
+def ball(tmp_path: Path) -> Path:
+    file = tmp_path / "ball.ply"
+    o3d.io.write_triangle_mesh(str(file), o3d.geometry.TriangleMesh.create_sphere(1.0, 40))
+    return file
+
+
+def test_normals_are_measured_beside_fixed_fits(run: Run, ball: Path) -> None:
+    done = run("normals", ball, "-n", 3000, "--noise", 0, 0.5, "--outliers", 0, 5)
+    assert done.returncode == 0, done.stderr
+    rows = [line.split("|")[1:-1] for line in done.stdout.splitlines()[2:]]
+    clouds = [row for row in rows if row[0].startswith(" ball")]
+    assert len(clouds) == 4
+    assert all(float(row[1]) < float(row[4]) for row in clouds)  # better than planes
+    assert [bool(row[7].strip()) for row in clouds] == [False, True, False, True]
+
+
+def test_stages_of_normals_are_measured_one_by_one(run: Run, ball: Path) -> None:
+    done = run("normal_stages", ball, "-n", 1500, "--noise", 1, "--pairs", 20)
+    assert done.returncode == 0, done.stderr
+    errors = [float(line.split("|")[2]) for line in done.stdout.splitlines() if "| +" in line]
+    assert len(errors) == 8
+    assert errors[-1] < errors[0]
+    assert "told the truth" in done.stdout
