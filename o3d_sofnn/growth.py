@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _kernels
-from .local_fit import RADIUS
 from .rule_base import NOISE_TOLERANCE, SHAPE_TOLERANCE, RuleBase
 from .rules import NEAREST
 
@@ -63,8 +62,7 @@ def generate(
     distance, index = tree.query(points, 1, np.inf, n_threads)
     d_min, nearest = distance[:, 0], index[:, 0]
     size, radius = rules.n_neighbors[nearest], rules.radius[nearest]
-    spacing = radius * np.sqrt(np.pi / size) / RADIUS
-    new = (np.abs(residual) > ERROR * rules.tolerance[nearest]) & (d_min > BOUNDARY * spacing)
+    new = (np.abs(residual) > ERROR * rules.tolerance[nearest]) & (d_min > BOUNDARY * rules.spacing[nearest])
     width = OVERLAP * d_min[new]  # Eq. (10)
     count = np.rint(size[new] * (2.0 * width / radius[new]) ** 2).astype(np.int64)
     count = np.minimum(np.clip(count, FEWEST, size[new]), len(points))

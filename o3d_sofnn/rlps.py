@@ -12,8 +12,11 @@ from .rows import joined
 from .rule_base import RuleBase
 from .rules import fit_rules, infer_normals
 
-NOISE_PRECISION = 4.0
-"""Precision epsilon over the noise level: residuals up to here are noise, not shape."""
+NOISE_PRECISION = (4.0, 6.0)
+"""Precision epsilon over the noise level, where that is much less than the spacing (then most of it
+is shape that the quadrics miss) and where it is not (residuals up to here are noise, not shape)."""
+NOISY = 0.2
+"""Noise over spacing from which on the latter holds."""
 SHAPE_PRECISION = 1e-3
 """Least precision, over the radius of a unit."""
 
@@ -144,7 +147,9 @@ def reconstruct_units(
     LocalSurfaces
     """
     if precision is None:
-        limit = np.maximum(NOISE_PRECISION * rules.noise, SHAPE_PRECISION * rules.radius)
+        noisy = np.minimum(rules.noise / (NOISY * rules.spacing), 1.0)
+        factor = NOISE_PRECISION[0] + (NOISE_PRECISION[1] - NOISE_PRECISION[0]) * noisy
+        limit = np.maximum(factor * rules.noise, SHAPE_PRECISION * rules.radius)
         own = rules.n_neighbors
     else:
         limit = np.full(len(rules.radius), precision)

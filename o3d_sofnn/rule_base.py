@@ -101,6 +101,11 @@ class RuleBase:
         return np.asarray(np.pi * (self.radius / RADIUS) ** 2 / RULES_PER_NEIGHBORHOOD)
 
     @property
+    def spacing(self) -> NDArray[np.float64]:
+        """Edge of the square that one point of the neighbourhood covers, (r,)."""
+        return np.asarray(self.radius * np.sqrt(np.pi / self.n_neighbors) / RADIUS)
+
+    @property
     def tolerance(self) -> NDArray[np.float64]:
         """Width of the membership in the residual, (r,), in the unit of the points."""
         return np.maximum(NOISE_TOLERANCE * self.noise, SHAPE_TOLERANCE * self.radius)
