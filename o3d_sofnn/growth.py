@@ -62,7 +62,9 @@ def generate(
     distance, index = tree.query(points, 1, np.inf, n_threads)
     d_min, nearest = distance[:, 0], index[:, 0]
     size, radius = rules.n_neighbors[nearest], rules.radius[nearest]
-    new = (np.abs(residual) > ERROR * rules.tolerance[nearest]) & (d_min > BOUNDARY * rules.spacing[nearest])
+    new = (np.abs(residual) > ERROR * rules.tolerance[nearest]) & (
+        d_min > BOUNDARY * rules.spacing[nearest]
+    )
     width = OVERLAP * d_min[new]  # Eq. (10)
     count = np.rint(size[new] * (2.0 * width / radius[new]) ** 2).astype(np.int64)
     count = np.minimum(np.clip(count, FEWEST, size[new]), len(points))

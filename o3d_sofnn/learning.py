@@ -14,7 +14,7 @@ from .growth import adjust, combine, discard, generate, reshape
 from .local_fit import Scale
 from .octree import sort_unique
 from .orientation import certainty, settle
-from .outliers import MANY, off_surface, part_outliers
+from .outliers import MANY, distance_along_surface, off_surface, part_outliers
 from .revision import revise
 from .rule_base import RuleBase
 from .rules import fit_rules, infer_normals
@@ -92,7 +92,8 @@ def learn_rules(
             rules, clean, threads, sides=sides, experience=experience
         )
         if (~inliers).mean() > MANY:
-            near = ~off_surface(residual, clean, tree, scale, inliers, threads)
+            along = distance_along_surface(rules, clean, sides, threads)
+            near = ~off_surface(residual, along, clean, tree, scale, inliers, threads)
             inliers[inliers] = near
             clean, sides, normals, residual = (v[near] for v in (clean, sides, normals, residual))
             tree = KdTree(clean, threads)
@@ -120,7 +121,8 @@ def learn_rules(
         rules = replace(rules, confidence=certainty(rules, settled, threads))
         if (~inliers).mean() > MANY:
             residual = infer_normals(rules, clean, threads, sides=sides, experience=experience)[2]
-            near = ~off_surface(residual, clean, tree, scale, inliers, threads)
+            along = distance_along_surface(rules, clean, sides, threads)
+            near = ~off_surface(residual, along, clean, tree, scale, inliers, threads)
             inliers[inliers] = near
             sides, tree = sides[near], KdTree(clean[near], threads)
     return Learned(x, inverse, tree, scale, inliers, sides, rules, middle, extent, warnings)

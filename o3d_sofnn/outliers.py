@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ._kernels import KdTree, fit_scales
 from .local_fit import Scale, choose_scale
+from .rule_base import RuleBase
+from .rules import infer_normals
 
 COMPANY = 8
 """Neighbours looked at."""
@@ -20,6 +24,13 @@ FLAT = 0.05
 MANY = 0.01
 """Share of outliers from which on the rest is looked at again: where some are far from the surface
 others are near it."""
+CREDIBLE = 0.3
+"""Least support of the rules that tell how far points are from the surface."""
+LOOSE = 2.0
+"""Width of their membership in the residual over the usual one."""
+FAR = (5.0, 0.5)
+"""Distance from them, over the noise level and over the spacing, from which on points are
+outliers."""
 BESIDE = 0.2
 """Distance from the surface, over the spacing, up to which no point is an outlier."""
 WITHIN = (2.0, 3.5)
@@ -121,8 +132,39 @@ def find_outliers(
     return outlier
 
 
+def distance_along_surface(
+    rules: RuleBase, points: NDArray[np.float64], sides: NDArray[np.float64], n_threads: int
+) -> NDArray[np.float64]:
+    """Distance of points from the rules that are nearest along the surface.
+
+    The rule with the largest membership is the one that passes nearest to the point. It may follow
+    an outlier when few other points support it. Without such rules, and with a wide membership in
+    the residual, a rule speaks that knows nothing of the point; beside an edge it is not always of
+    the right face.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Rules fitted with sides.
+    points, sides : (m, 3) float64
+        Points and on which side of the surface they lie.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    (m,) float64
+        Not negative.
+    """
+    credible = rules.support >= CREDIBLE
+    asked = rules.rows(credible) if credible.any() else rules
+    asked = replace(asked, noise=LOOSE * asked.noise, residual=LOOSE * asked.residual)
+    return np.abs(infer_normals(asked, points, n_threads, sides=sides)[2])
+
+
 def off_surface(
     residual: NDArray[np.float64],
+    distance: NDArray[np.float64],
     points: NDArray[np.float64],
     tree: KdTree,
     scale: Scale,
@@ -140,6 +182,8 @@ def off_surface(
     ----------
     residual : (m,) float64
         Distance to the rule with the largest membership.
+    distance : (m,) float64
+        :func:`distance_along_surface`.
     points : (m, 3) float64
         Points.
     tree : KdTree
@@ -162,7 +206,9 @@ def off_surface(
     rare = (len(inliers) - inliers.sum()) / volume
     dense = 1.0 / (np.sqrt(2.0 * np.pi) * noise * spacing**2)
     within = np.sqrt(2.0 * np.log(np.maximum(dense / max(rare, 1e-12), 1.0)))
-    off = np.abs(residual) > np.maximum(np.clip(within, *WITHIN) * noise, BESIDE * spacing)
+    limit = np.maximum(np.clip(within, *WITHIN) * noise, BESIDE * spacing)
+    far = distance > np.maximum(FAR[0] * noise, FAR[1] * spacing)
+    off = (np.abs(residual) > limit) | far
     doubtful = np.flatnonzero(off)
     if len(doubtful):
         k = min(COMPANY + 1, len(points))

@@ -9,8 +9,9 @@ from shapes import box, join, plane_patch, sphere, torus
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.local_fit import Scale
 from o3d_sofnn.octree import sort_unique
-from o3d_sofnn.outliers import off_surface, part_outliers
+from o3d_sofnn.outliers import distance_along_surface, off_surface, part_outliers
 from o3d_sofnn.pipeline import estimate_normals
+from o3d_sofnn.rules import fit_rules, infer_normals
 
 SHAPES = {"sphere": (sphere, 2.0), "plane": (plane_patch, 1.0), "torus": (torus, 2.8)}
 """Shape and the edge of its bounding box."""
@@ -65,14 +66,15 @@ def test_strong_noise_is_no_outlier(shape):
     assert outliers_of(shape(8000).noisy(0.03).points).mean() < 0.001
 
 
-def beside(residual, known):
+def beside(residual, known, distance=None):
     """Ask for points of a plane with these residuals, with so many outliers known."""
+    distance = residual if distance is None else distance
     points = np.random.default_rng(0).uniform(-0.5, 0.5, (len(residual), 3)) * [1.0, 1.0, 0.1]
     tree, one = KdTree(points, 1), np.ones(1)
     places = points[:1]
     scale = Scale(places, KdTree(places, 1), np.array([12]), 0.01 * one, 0.01 * one)
     inliers = np.concatenate([np.ones(len(points), bool), np.zeros(known, bool)])
-    return off_surface(residual, points, tree, scale, inliers, 1)
+    return off_surface(residual, distance, points, tree, scale, inliers, 1)
 
 
 def test_more_outliers_make_a_distant_point_more_suspicious():
@@ -81,6 +83,28 @@ def test_more_outliers_make_a_distant_point_more_suspicious():
     few, many = beside(residual, 25)[:5], beside(residual, 50_000)[:5]
     assert (few[0], few[4], many[0], many[4]) == (False, True, False, True)
     assert few.sum() < many.sum()
+
+
+def test_a_rule_that_follows_a_point_does_not_save_it():
+    distance = np.zeros(2000)
+    distance[:2] = 0.01 * np.array([4.9, 5.1])
+    assert beside(np.zeros(2000), 25, distance)[:2].tolist() == [False, True]
+
+
+def test_rules_that_few_points_support_are_not_asked_for_the_distance():
+    shape = plane_patch(4000)
+    points = np.concatenate([shape.points, [[0.0, 0.0, 0.1]]])
+    facing = np.concatenate([shape.normals, [[0.0, 0.0, -1.0]]])
+    centers = np.concatenate([shape.points[::20], points[-1:]])
+    sides = np.concatenate([shape.normals[::20], facing[-1:]])
+    size, noise = np.full(len(centers), 60), np.full(len(centers), 0.01)
+    tree = KdTree(points, 1)
+    rules = fit_rules(points, tree, centers, size, noise, 1, normals=facing, sides=sides)
+    followed = infer_normals(rules, points, 1, sides=facing)[2]
+    assert abs(followed[-1]) < 0.02
+    along = distance_along_surface(rules, points, facing, 1)
+    assert along[-1] > 0.09
+    assert along[:-1].max() < 1e-6
 
 
 def test_what_a_whole_region_has_in_common_is_no_outlier():

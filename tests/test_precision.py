@@ -35,3 +35,11 @@ def test_a_unit_has_at_most_one_offset_point(precision):
     estimate = reconstruct(1000, precision)
     assert 0 < estimate.offset_points <= 2 * len(estimate.normals.rules)  # divided once at most
     assert estimate.watertight
+
+
+def test_noise_is_not_followed_but_shape_is():
+    shape = shapes.sphere(4000)
+    noisy = shape.noisy(0.02).points
+    assert pipeline.reconstruct_surface(noisy, voxel_size=0.1).offset_points < 5
+    clean = shapes.box(4000).points
+    assert pipeline.reconstruct_surface(clean, voxel_size=0.05).offset_points > 50
