@@ -23,5 +23,6 @@ auto array(std::vector<T>&& data, std::initializer_list<size_t> shape) {
 }
 
 void bind_mesh(nb::module_& m);
+void bind_winding(nb::module_& m);
 
 }  // namespace sofnn

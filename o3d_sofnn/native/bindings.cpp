@@ -10,7 +10,6 @@
 #include "sides.hpp"
 #include "typical_data.hpp"
 #include "units.hpp"
-#include "winding.hpp"
 
 using namespace nb::literals;
 using namespace sofnn;
@@ -21,37 +20,9 @@ using Gates = nb::ndarray<const double, nb::shape<-1, -1, 2>, nb::c_contig, nb::
 using Neurons = nb::ndarray<const double, nb::shape<-1, 3, 3>, nb::c_contig, nb::device::cpu>;
 using Terms = nb::ndarray<const double, nb::shape<-1, -1, 4>, nb::c_contig, nb::device::cpu>;
 
-// Sums at places that are asked for once, and at those of kept lists.
-std::vector<WindingSums> evaluate(const WindingTree& t, Sum what, const double* source, Points x, Doubles width,
-                                  double theta, int threads) {
-  std::vector<WindingSums> sums(x.shape(0));
-  nb::gil_scoped_release release;
-  t.evaluate(what, source, x.data(), width.data(), x.shape(0), theta, threads, sums.data());
-  return sums;
-}
-
-std::vector<WindingSums> evaluate(const WindingTree& t, Sum what, const double* source, const WindingLists& lists,
-                                  Doubles width, int threads) {
-  std::vector<WindingSums> sums(lists.size);
-  nb::gil_scoped_release release;
-  t.evaluate(what, source, lists, width.data(), threads, sums.data());
-  return sums;
-}
-
-auto winding_of(const std::vector<WindingSums>& sums) {
-  std::vector<double> values(sums.size());
-  std::transform(sums.begin(), sums.end(), values.begin(), [](const WindingSums& s) { return s.winding; });
-  return array(std::move(values), {sums.size()});
-}
-
-auto vector_of(const std::vector<WindingSums>& sums) {
-  std::vector<double> values(3 * sums.size());
-  for (size_t i = 0; i < sums.size(); ++i) std::copy(sums[i].vector, sums[i].vector + 3, &values[3 * i]);
-  return array(std::move(values), {sums.size(), (size_t)3});
-}
-
 NB_MODULE(_kernels, m) {
   bind_mesh(m);
+  bind_winding(m);
 
   nb::class_<KdTree>(m, "KdTree")
       .def_prop_ro("size", &KdTree::size)
@@ -279,7 +250,6 @@ NB_MODULE(_kernels, m) {
         },
         "points"_a, "offsets"_a, "n_clusters"_a, "iterations"_a, "tolerance"_a, "n_threads"_a);
 
-  nb::class_<WindingLists>(m, "WindingLists");
   m.def("divide_cells",
         [](Points normals, Ints first, int threads) {
           const size_t cells = first.shape(0) - 1;
@@ -291,47 +261,4 @@ NB_MODULE(_kernels, m) {
           return nb::make_tuple(array(std::move(order), {normals.shape(0)}), array(std::move(size), {cells}));
         },
         "normals"_a, "first"_a, "n_threads"_a);
-
-  nb::class_<WindingTree>(m, "WindingTree")
-      .def("__init__", [](WindingTree* t, Points p, Doubles area, int threads) { new (t) WindingTree(p.data(), area.data(), p.shape(0), threads); },
-           "points"_a, "area"_a, "n_threads"_a = 1, nb::call_guard<nb::gil_scoped_release>())
-      .def("order", [](const WindingTree& t) { return array(std::vector<int64_t>(t.order()), {(size_t)t.size()}); })
-      .def("lists",
-           [](const WindingTree& t, Points x, double theta, int threads) {
-             nb::gil_scoped_release release;
-             return t.lists(x.data(), x.shape(0), theta, threads);
-           },
-           "x"_a, "theta"_a, "n_threads"_a)
-      .def("winding",
-           [](const WindingTree& t, Points mu, Points x, Doubles width, double theta, int threads) {
-             return winding_of(evaluate(t, Sum::winding, mu.data(), x, width, theta, threads));
-           },
-           "mu"_a, "x"_a, "width"_a, "theta"_a, "n_threads"_a)
-      .def("gradient",
-           [](const WindingTree& t, Points mu, Points x, Doubles width, double theta, int threads) {
-             const std::vector<WindingSums> sums = evaluate(t, Sum::gradient, mu.data(), x, width, theta, threads);
-             return nb::make_tuple(winding_of(sums), vector_of(sums));
-           },
-           "mu"_a, "x"_a, "width"_a, "theta"_a, "n_threads"_a)
-      .def("adjoint",
-           [](const WindingTree& t, Doubles charge, Points x, Doubles width, double theta, int threads) {
-             return vector_of(evaluate(t, Sum::adjoint, charge.data(), x, width, theta, threads));
-           },
-           "charge"_a, "x"_a, "width"_a, "theta"_a, "n_threads"_a)
-      .def("winding_at",
-           [](const WindingTree& t, Points mu, const WindingLists& lists, Doubles width, int threads) {
-             return winding_of(evaluate(t, Sum::winding, mu.data(), lists, width, threads));
-           },
-           "mu"_a, "lists"_a, "width"_a, "n_threads"_a)
-      .def("gradient_at",
-           [](const WindingTree& t, Points mu, const WindingLists& lists, Doubles width, int threads) {
-             const std::vector<WindingSums> sums = evaluate(t, Sum::gradient, mu.data(), lists, width, threads);
-             return nb::make_tuple(winding_of(sums), vector_of(sums));
-           },
-           "mu"_a, "lists"_a, "width"_a, "n_threads"_a)
-      .def("adjoint_at",
-           [](const WindingTree& t, Doubles charge, const WindingLists& lists, Doubles width, int threads) {
-             return vector_of(evaluate(t, Sum::adjoint, charge.data(), lists, width, threads));
-           },
-           "charge"_a, "lists"_a, "width"_a, "n_threads"_a);
 }
