@@ -70,7 +70,8 @@ def learn_rules(
     with clock.stage("orientation"):
         known = normals is not None or viewpoint is not None
         if normals is None:
-            sides = orient_points(clean, float(np.median(scale.noise)), threads)
+            level, spacing = float(np.median(scale.noise)), float(np.median(scale.spacing))
+            sides = orient_points(clean, level, spacing, threads)
         else:
             sides = np.ascontiguousarray(normals[order][inliers])
         if viewpoint is not None:

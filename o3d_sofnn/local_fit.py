@@ -19,6 +19,12 @@ FEW = 11
 """Sizes tried at first: enough for all but strong noise."""
 REGION = 24
 """Pilots that make a region."""
+TRUNCATED, POWER = 0.36, 2.6
+"""Residual over the radius of a fit that points all over its ball leave, and exponent of the share
+of Gaussian noise that such a ball cuts off (simulated)."""
+WIDE, ENOUGH = 0.25, 40
+"""Residual over radius of the fits that tell the noise, the smallest of these with so many points:
+in larger ones shape adds to it, in smaller ones most of it is cut off."""
 PILOTS = 1500
 """Places at which the scale is chosen; in between the nearest one speaks."""
 
@@ -106,12 +112,16 @@ def choose_scale(
     chosen = np.where(rising.any(axis=1), rising.argmax(axis=1), regional.argmin(axis=1))
     row = np.arange(len(pilots))
     chosen = limit_radius(chosen, info[:, :, 2], max_radius)
-    residual = info[:, :, 0][row, chosen]
-    low, high = np.maximum(chosen - 1, 0), np.minimum(np.maximum(chosen + 1, 2), len(sizes) - 1)
-    noise = noise_level(info[row, low, 0], info[row, high, 0], sizes[low], sizes[high])
-    noise = np.minimum(noise, residual)
+    rms, radii = info[:, :, 0], info[:, :, 2]
+    telling = (rms < WIDE * radii) & (sizes[: rms.shape[1]] >= ENOUGH)
+    smallest = np.where(telling.any(axis=1), telling.argmax(axis=1), chosen)
+    rms = untruncated(rms, radii)
+    low = np.minimum(smallest, np.maximum(chosen - 1, 0))
+    high = np.minimum(np.maximum(chosen + 1, 2), len(sizes) - 1)
+    noise = noise_level(rms[row, low], rms[row, high], sizes[low], sizes[high])
+    noise = np.minimum(noise, rms[row, chosen])
     noise = np.median(noise[region], axis=1)
-    radius = info[row, chosen, 2] / RADIUS
+    radius = radii[row, chosen] / RADIUS
     spacing = radius * np.sqrt(np.pi / sizes[chosen])
     return Scale(pilots, pilot_tree, sizes[chosen], noise, np.median(spacing[region], axis=1))
 
@@ -142,6 +152,24 @@ def sizes_to_try(n_points: int, max_neighbors: int | None) -> NDArray[np.int64]:
     """
     limit = max(min(max_neighbors or n_points, n_points // 20), SCALES[0])
     return np.minimum(SCALES[: np.searchsorted(SCALES, limit, "right") + 2], n_points)
+
+
+def untruncated(rms: NDArray[np.float64], radius: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Make good for the part of the noise that lies outside the balls of the fits.
+
+    Parameters
+    ----------
+    rms, radius : (...) float64
+        Residuals of quadric fits and their radii.
+
+    Returns
+    -------
+    (...) float64
+        Standard deviation of the noise: `rms` where that is much less than the radius, up to 1.5
+        times as much elsewhere.
+    """
+    ratio = np.minimum(rms / np.maximum(radius, 1e-300), 0.8 * TRUNCATED)
+    return np.asarray(rms / np.sqrt(1.0 - (ratio / TRUNCATED) ** POWER))
 
 
 def noise_level(

@@ -12,14 +12,17 @@ from .winding_normals import OPENING, winding_number_normals
 
 CROWD = 3760.0
 """A representative stands for the number of points over this, to the power of 0.9, or for one."""
-COARSE, FINE = (1.5, 4.0), (0.7, 3.0)
-"""Smoothing width at first and at last: so many distances of representatives, or so many standard
-deviations of the noise if that is more. Less of it and the noise decides, more and thin parts
-vanish."""
+LAYER = 3.0
+"""Noise over the spacing of the points from which on they fill a layer: there, cells that are
+halved or not make the means over them eight times as dense at one place as at another."""
+COARSE, FINE = (1.5, 3.0), (0.7, 2.3)
+"""Smoothing width at first and at last: so many distances of representatives, and so many standard
+deviations of the noise, as legs of a right angle. Less of it and the noise decides, more and thin
+parts vanish."""
 REGION, SAMPLED = 300, 16
 """Representatives whose median says how far apart they are in a region: walls closer together than
 that keep their width, sparse regions get a wider one. One representative of so many asks."""
-BLUR = 4.5
+BLUR = 3.8
 """Smoothing width of the gradient at the points, over the noise."""
 
 
@@ -28,7 +31,9 @@ LEANING = 0.5
 the right side and costs all of them accuracy."""
 
 
-def orient_points(points: NDArray[np.float64], noise: float, n_threads: int) -> NDArray[np.float64]:
+def orient_points(
+    points: NDArray[np.float64], noise: float, spacing: float, n_threads: int
+) -> NDArray[np.float64]:
     """Find outward normals at all points from a global criterion alone.
 
     The winding number normals of an even choice of places define a smooth winding number; its
@@ -41,6 +46,8 @@ def orient_points(points: NDArray[np.float64], noise: float, n_threads: int) -> 
         Distinct points in Morton order.
     noise : float
         Standard deviation of the points about the surface.
+    spacing : float
+        Edge of the square that one point covers.
     n_threads : int
         Threads.
 
@@ -49,36 +56,40 @@ def orient_points(points: NDArray[np.float64], noise: float, n_threads: int) -> 
     (n, 3) float64
         Unit normals; on an open sheet without a preferred side either one.
     """
-    x = representatives(points)
+    x = representatives(points, noise / spacing)
     tree = KdTree(x, n_threads)
-    spacing = regional_spacing(x, tree, n_threads)
-    coarse, fine = (np.maximum(a * spacing, b * noise) for a, b in (COARSE, FINE))
-    mu = winding_number_normals(x, spacing**2, coarse, fine, n_threads)
+    distance = regional_spacing(x, tree, n_threads)
+    coarse, fine = (np.hypot(a * distance, b * noise) for a, b in (COARSE, FINE))
+    mu = winding_number_normals(x, distance**2, coarse, fine, n_threads)
     sources = WindingTree(x, np.linalg.norm(mu, axis=1))
     nearest = tree.query(points, 1, np.inf, n_threads)[1][:, 0]
     width = np.maximum(fine, BLUR * noise)[nearest]
     return unit(np.asarray(sources.gradient(mu, points, width, OPENING, n_threads)[1]))
 
 
-def representatives(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Combine points that lie close together.
+def representatives(points: NDArray[np.float64], thickness: float) -> NDArray[np.float64]:
+    """Combine points that lie close together, or choose some of them from a thick layer.
 
     Parameters
     ----------
     points : (n, 3) float64
-        Distinct points.
+        Distinct points in Morton order.
+    thickness : float
+        Noise over spacing.
 
     Returns
     -------
     (m, 3) float64
-        Means over the leaves of an octree, in Morton order: half of 20,000 points, a fortieth of a
-        million.
+        Means over the leaves of an octree, or points, in Morton order: half of 20,000 points, a
+        fortieth of a million.
     """
     capacity = int((len(points) / CROWD) ** 0.9)
     if capacity < 2:
         return points
     cells = build_octree(points, capacity)
     count = np.diff(cells.offsets)
+    if thickness > LAYER:
+        return points[np.linspace(0, len(points) - 1, len(count)).astype(np.int64)]
     return np.asarray(np.add.reduceat(cells.points, cells.offsets[:-1]) / count[:, None])
 
 

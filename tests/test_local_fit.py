@@ -29,6 +29,14 @@ def test_noise_level_is_found_within_fifteen_percent(name, noise):
 
 
 @pytest.mark.parametrize("name", SHAPES)
+def test_noise_is_found_where_neighborhoods_are_hardly_wider(name):
+    shape, size = SHAPES[name]
+    # A ball with 450 points has a radius of 3 standard deviations: it cuts a sixth of them off.
+    scale = scale_of(shape(100_000).noisy(0.014 * size).points)
+    assert np.median(scale.noise) == pytest.approx(0.014 * size, rel=0.1)
+
+
+@pytest.mark.parametrize("name", SHAPES)
 def test_clean_points_have_no_noise(name):
     shape, size = SHAPES[name]
     assert np.median(scale_of(shape(5000).points).noise) < 2e-4 * size

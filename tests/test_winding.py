@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from shapes import CLOSED, Shape, box, sphere
 
+from o3d_sofnn._kernels import KdTree
+from o3d_sofnn.local_fit import choose_scale
 from o3d_sofnn.octree import sort_unique
 from o3d_sofnn.winding import orient_points, representatives
 from o3d_sofnn.winding_normals import winding_number_normals
@@ -14,7 +16,9 @@ from o3d_sofnn.winding_normals import winding_number_normals
 def oriented(shape, noise=0.0):
     """Share of points on the wrong side, and the normals in Morton order."""
     order, _ = sort_unique(shape.points)
-    normals = orient_points(np.ascontiguousarray(shape.points[order]), noise, 1)
+    points = np.ascontiguousarray(shape.points[order])
+    spacing = choose_scale(points, KdTree(points, 1), None, None, 1).spacing
+    normals = orient_points(points, noise, float(np.median(spacing)), 1)
     return (np.einsum("nd,nd->n", normals, shape.normals[order]) < 0.0).mean(), normals
 
 
@@ -65,8 +69,18 @@ def test_winding_number_normals_are_outward_and_weighted_by_area():
 
 def test_few_representatives_stand_for_many_points():
     points = sphere(40_000).points
-    places = representatives(points)
+    places = representatives(points, 0.0)
     assert len(points) / 8 < len(places) < len(points) / 2
     assert np.abs(np.linalg.norm(places, axis=1) - 1.0).max() < 0.01
     few = sphere(50).points
-    assert representatives(few) is few
+    assert representatives(few, 0.0) is few
+
+
+def test_representatives_of_a_thick_layer_are_some_of_its_points():
+    points = sphere(40_000).points
+    places = representatives(points, 9.0)
+    assert len(places) == len(representatives(points, 0.0))
+    # In the same order, evenly spread.
+    rows = KdTree(points, 1).query(places, 1, np.inf, 1)[1][:, 0]
+    np.testing.assert_array_equal(points[rows], places)
+    assert np.ptp(np.diff(rows)) <= 1
