@@ -11,7 +11,7 @@ from ._kernels import KdTree
 from .clock import Clock
 from .experience import Experience
 from .growth import adjust, combine, discard, generate, reshape
-from .local_fit import Scale
+from .local_fit import Scale, choose_scale
 from .octree import sort_unique
 from .orientation import certainty, settle
 from .outliers import MANY, distance_along_surface, off_surface, part_outliers
@@ -79,12 +79,8 @@ def learn_rules(
             places = viewpoint[seen] if viewpoint.ndim == 2 else viewpoint
             sides = seen_from(places, points[seen], sides)
         scale = refine_scale(clean, tree, scale, sides, max_nn, limit, threads)
-    with clock.stage("typical data"):
-        centers, facing = typical_data(clean, sides, tree, scale, threads)
-        pilot = scale.at(centers, threads)
-        size, noise = scale.n_neighbors[pilot], scale.noise[pilot]
+    rules = _first_rules(clean, tree, scale, sides, threads, clock)
     with clock.stage("rules"):
-        rules = fit_rules(clean, tree, centers, size, noise, threads, normals=sides, sides=facing)
         warnings: tuple[str, ...] = ()
         if not known:
             rules, sides, warnings = settle(rules, sides, clean, towards, threads)
@@ -96,8 +92,15 @@ def learn_rules(
             along = distance_along_surface(rules, clean, sides, threads)
             near = ~off_surface(residual, along, clean, tree, scale, inliers, threads)
             inliers[inliers] = near
-            clean, sides, normals, residual = (v[near] for v in (clean, sides, normals, residual))
+            clean, sides = clean[near], sides[near]
             tree = KdTree(clean, threads)
+            # Outliers have disturbed the scale and the rules around them.
+            scale = choose_scale(clean, tree, max_nn, limit, threads)
+            scale = refine_scale(clean, tree, scale, sides, max_nn, limit, threads)
+            rules = _first_rules(clean, tree, scale, sides, threads, Clock(None))
+            normals, _, residual = infer_normals(
+                rules, clean, threads, sides=sides, experience=experience
+            )
         facing = sides_around(rules.centers, rules.normals, normals, tree, threads)
         centers, count, noise = generate(rules, clean, residual, threads)
         side = infer_normals(rules, centers, threads)[0]
@@ -127,3 +130,15 @@ def learn_rules(
             inliers[inliers] = near
             sides, tree = sides[near], KdTree(clean[near], threads)
     return Learned(x, inverse, tree, scale, inliers, sides, rules, middle, extent, warnings)
+
+
+def _first_rules(
+    points: Array, tree: KdTree, scale: Scale, sides: Array, threads: int, clock: Clock
+) -> RuleBase:
+    """Draw typical data and fit a rule to each."""
+    with clock.stage("typical data"):
+        centers, facing = typical_data(points, sides, tree, scale, threads)
+        pilot = scale.at(centers, threads)
+        size, noise = scale.n_neighbors[pilot], scale.noise[pilot]
+    with clock.stage("rules"):
+        return fit_rules(points, tree, centers, size, noise, threads, normals=sides, sides=facing)
