@@ -88,7 +88,8 @@ def stages(cloud: Cloud) -> Iterator[tuple[str, float]]:
         quadrics[row] = fit_scales(tree, x, x[row], np.array([k]), -1)[0][:, 0]
     yield "quadric at the scale found", truth.error(quadrics)
 
-    sides = orient_points(x, float(np.median(scale.noise)), -1)
+    noise, spacing = float(np.median(scale.noise)), float(np.median(scale.spacing))
+    sides = orient_points(x, noise, spacing, -1)
     same = np.tile([0.0, 0.0, 1.0], (len(x), 1))  # nobody is told apart
 
     def rules_with(known: Array) -> RuleBase:

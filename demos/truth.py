@@ -27,8 +27,8 @@ class Case:
         Standard deviation along each axis, in percent of the diagonal.
     outliers : float
         Points spread evenly over 1.2 x the bounding box, in percent of `n`.
-    density : {"uniform", "gradient", "striped"}
-        Of the points.
+    density : {"uniform", "gradient", "striped", "patchy"}
+        Of the points; the last leaves out three balls of 4 % of the diagonal.
     """
 
     file: Path
@@ -64,6 +64,20 @@ class Cloud:
         return np.degrees(np.arccos(np.clip(cosine, 0.0, 1.0)))
 
 
+def read_closed(file: Path) -> tuple[Array, Array]:
+    """Read vertices and triangles of a closed mesh, wound outwards."""
+    import open3d as o3d
+
+    mesh = o3d.io.read_triangle_mesh(str(file))
+    mesh.remove_duplicated_vertices()
+    mesh.remove_degenerate_triangles()
+    vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
+    middle = vertices - vertices.mean(axis=0)
+    if np.linalg.det(middle[triangles]).sum() < 0.0:  # some files are wound inwards
+        triangles = np.ascontiguousarray(triangles[:, ::-1])
+    return vertices, triangles
+
+
 def draw(case: Case) -> Cloud:
     """Draw a cloud.
 
@@ -76,15 +90,7 @@ def draw(case: Case) -> Cloud:
     -------
     Cloud
     """
-    import open3d as o3d
-
-    mesh = o3d.io.read_triangle_mesh(str(case.file))
-    mesh.remove_duplicated_vertices()
-    mesh.remove_degenerate_triangles()
-    vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
-    middle = vertices - vertices.mean(axis=0)
-    if np.linalg.det(middle[triangles]).sum() < 0.0:  # some files are wound inwards
-        triangles = triangles[:, ::-1]
+    vertices, triangles = read_closed(case.file)
     rng = np.random.default_rng(case.seed)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     corner = vertices[triangles[:, 0]]
@@ -101,8 +107,14 @@ def draw(case: Case) -> Cloud:
     if case.density != "uniform":
         axis = int(np.argmax(high - low))
         along = (points[:, axis] - low[axis]) / (high - low)[axis]
-        stripe = np.where((along * 12).astype(int) % 2 == 0, 1.0, 0.12)
-        share = 0.05 + along**2 if case.density == "gradient" else stripe
+        if case.density == "gradient":
+            share = 0.05 + along**2
+        elif case.density == "striped":
+            share = np.where((along * 12).astype(int) % 2 == 0, 1.0, 0.12)
+        else:
+            centers = points[rng.choice(many, 3, replace=False)]
+            apart = np.linalg.norm(points[:, None] - centers, axis=2).min(axis=1)
+            share = (apart > 0.04 * np.linalg.norm(high - low)).astype(float)
         kept = rng.choice(many, case.n, replace=False, p=share / share.sum())
         points, normals = points[kept], normals[kept]
     if case.noise:

@@ -282,3 +282,12 @@ def test_stages_of_normals_are_measured_one_by_one(run: Run, ball: Path) -> None
     assert len(errors) == 8
     assert errors[-1] < errors[0]
     assert "told the truth" in done.stdout
+
+
+def test_flips_are_told_apart_by_thickness(run: Run, ball: Path) -> None:
+    done = run("flips", ball, "-n", 2000, "--noise", 0, 0.5, "--density", "uniform", "patchy")
+    assert done.returncode == 0, done.stderr
+    rows = [line.split("|")[1:-1] for line in done.stdout.splitlines() if "| ball" in line]
+    assert len(rows) == 4
+    assert all(float(row[1]) < 0.1 and float(row[3]) == 0.0 for row in rows)
+    assert done.stdout.splitlines()[-1].count(",") == 9
