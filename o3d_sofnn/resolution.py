@@ -1,4 +1,4 @@
-"""Edges of the cubes: what the user wants, or what spacing and noise support at each place."""
+"""Edges of the cubes: what the user wants, or what spacing, noise and curvature ask for."""
 
 from __future__ import annotations
 
@@ -17,15 +17,58 @@ THIN = 0.6
 FINER = 3
 """Levels that the densest places may be finer than the median."""
 
+SPACING = 0.75
+"""Least edge, over the spacing."""
+RESOLVED = 0.15
+"""Least edge, over the radius of a rule: its quadric is resolved."""
+COARSER = 2.0
+"""Times that edges are longer than that where the surface is flat."""
+ACCURACY = 2.0
+"""Error of a fit, over the noise and over the root of its number of points."""
+CLEAN = 1e-3
+"""Error of a fit without noise, over its radius."""
+BENT = 0.95
+"""Cosine between the normals of neighbouring rules below which the surface is not flat."""
+AROUND = 9
+"""Neighbouring rules that are looked at, itself included."""
+DOWN = 0.4
+"""Part of a halving that edges may be too long by."""
+
+
+def flat_edges(rules: RuleBase, n_threads: int) -> NDArray[np.float64]:
+    """Edges of cubes in which planes are as good as the quadrics are accurate; 0 beside an edge.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Rules.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    (r,) float64
+        One a rule, in the unit of the points.
+    """
+    around = min(AROUND, len(rules))
+    normals = rules.normals
+    near = KdTree(rules.centers, n_threads).query(rules.centers, around, np.inf, n_threads)[1]
+    bent = np.einsum("rkd,rd->rk", normals[near], normals).min(axis=1) < BENT
+    error = np.maximum(ACCURACY * rules.noise / np.sqrt(rules.n_neighbors), CLEAN * rules.radius)
+    # A chord of this length leaves an arc by that much.
+    curvature = np.maximum(abs(rules.curvatures).max(axis=1), error / rules.radius**2)
+    return np.where(bent, 0.0, np.sqrt(8.0 * error / curvature))
+
 
 def choose_voxel_size(
     points: NDArray[np.float64],
     spacing: float,
     rules: RuleBase,
+    flat: NDArray[np.float64],
     depth: int | None,
     voxel_size: float | None,
 ) -> float:
-    """Edge of a cube: what the user wants, or what spacing, noise and the number of points support.
+    """Edge of a cube: what the user wants, or what most of the data asks for.
 
     Parameters
     ----------
@@ -34,7 +77,9 @@ def choose_voxel_size(
     spacing : float
         Edge of the square that one point covers.
     rules : RuleBase
-        Rules; a quarter of their radius resolves their quadrics.
+        Rules.
+    flat : (r,) float64
+        What :func:`flat_edges` says of them.
     depth : int or None
         Octree depth over the longest side.
     voxel_size : float or None
@@ -49,7 +94,8 @@ def choose_voxel_size(
         return voxel_size
     if depth is not None:
         return float(longest_side(points) / 2**depth)
-    wanted = max(0.75 * spacing, 0.15 * float(np.median(rules.radius)))
+    least = np.maximum(SPACING * spacing, RESOLVED * rules.radius)
+    wanted = float(np.median(np.clip(flat, least, COARSER * least)))
     finest = longest_side(points) / max(SIDE, 1.25 * float(np.sqrt(len(points))))
     return max(wanted, finest)
 
@@ -58,10 +104,11 @@ def choose_levels(
     samples: NDArray[np.float64],
     spacing: NDArray[np.float64],
     rules: RuleBase,
+    flat: NDArray[np.float64],
     size: float,
     n_threads: int,
 ) -> tuple[float, NDArray[np.int64]]:
-    """Halve or double the cubes where the data is more than twice as dense or as sparse.
+    """Halve or double the cubes where the data is denser or sparser, or bent more or less.
 
     Where a clean part is thin they are halved once more, so that arms do not fall to pieces.
 
@@ -72,7 +119,9 @@ def choose_levels(
     spacing : (n,) float64
         Edge of the square that one point covers, at each.
     rules : RuleBase
-        Rules; a quarter of their radius resolves their quadrics.
+        Rules.
+    flat : (r,) float64
+        What :func:`flat_edges` says of them.
     size : float
         Edge of a cube where data is as usual.
     n_threads : int
@@ -86,11 +135,13 @@ def choose_levels(
         The cubes around a sample have an edge of ``finest * 2**level``.
     """
     nearest = KdTree(rules.centers, n_threads).query(samples, 1, np.inf, n_threads)[1][:, 0]
-    resolved = np.minimum(0.15 * rules.radius[nearest], size)  # wide rules are no reason for gaps
-    wanted = np.maximum(0.75 * spacing, resolved)
-    steps = np.trunc(np.log2(wanted / size)).astype(np.int64)
+    # Wide rules are no reason for gaps.
+    resolved = np.minimum(RESOLVED * rules.radius[nearest], size)
+    least = np.maximum(SPACING * spacing, resolved)
+    wanted = np.clip(flat[nearest], least, COARSER * least)
+    steps = np.floor(np.log2(wanted / size) + 1.0 - DOWN).astype(np.int64)
     certain = rules.confidence[nearest]
-    thin = (certain > 0.0) & (certain < THIN) & (0.75 * spacing >= resolved)
+    thin = (certain > 0.0) & (certain < THIN) & (SPACING * spacing >= resolved)
     steps = np.maximum(steps - thin, -FINER)
     finer = max(0, -int(steps.min()))
     return size / 2**finer, steps + finer

@@ -1,0 +1,60 @@
+"""Cubes are as large as the data allows: coarser where it is flat, finer beside edges."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from shapes import box, sphere
+
+from o3d_sofnn._kernels import KdTree
+from o3d_sofnn.pipeline import estimate_normals, reconstruct_surface
+from o3d_sofnn.resolution import choose_levels, choose_voxel_size, flat_edges
+
+
+@pytest.fixture(scope="module")
+def cube():
+    points = box(20000).points
+    estimate = estimate_normals(points)
+    return points, estimate.spacing, estimate.rules
+
+
+def test_curvature_and_accuracy_decide():
+    rules = estimate_normals(sphere(8000).points).rules
+    flat = flat_edges(rules, 1)
+    error = np.maximum(2.0 * rules.noise / np.sqrt(rules.n_neighbors), 1e-3 * rules.radius)
+    ratio = flat / np.sqrt(8.0 * error)  # the curvature is 1
+    assert 0.95 < np.median(ratio) < 1.02 and 0.5 < ratio.min() and ratio.max() < 1.5
+
+
+def test_planes_allow_large_cubes_and_edges_do_not(cube):
+    _, _, rules = cube
+    flat = flat_edges(rules, 1)
+    from_edge = np.sort(0.5 - abs(rules.centers), axis=1)[:, 1]  # of the face that it lies on
+    assert (flat[from_edge < 0.01] == 0.0).mean() > 0.9
+    assert (flat[from_edge > 0.2] > rules.radius[from_edge > 0.2]).all()
+
+
+def test_cubes_beside_edges_are_finer(cube):
+    points, spacing, rules = cube
+    flat = flat_edges(rules, 1)
+    size = choose_voxel_size(points, spacing, rules, flat, None, None)
+    finest, levels = choose_levels(points, np.full(len(points), spacing), rules, flat, size, 1)
+    assert finest <= 0.8 * spacing < size <= 1.6 * spacing
+    near = KdTree(rules.centers, 1).query(points, 1, np.inf, 1)[1][:, 0]
+    assert levels[flat[near] == 0.0].max() < levels[flat[near] > 2.0 * size].min()
+
+
+def test_what_the_user_wants_counts(cube):
+    points, spacing, rules = cube
+    flat = flat_edges(rules, 1)
+    assert choose_voxel_size(points, spacing, rules, flat, None, 0.123) == 0.123
+    side = choose_voxel_size(points, spacing, rules, flat, 5, None)
+    assert side == pytest.approx(np.ptp(points, axis=0).max() / 32)
+
+
+def test_a_flat_shape_has_fewer_triangles_and_keeps_its_edges():
+    surface = reconstruct_surface(box(20000).points)
+    assert surface.watertight
+    assert len(surface.triangles) < 4.5 * 20000
+    off = abs(abs(surface.vertices).max(axis=1) - 0.5)
+    assert off.mean() < 1e-4
