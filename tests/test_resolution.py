@@ -23,7 +23,9 @@ def test_curvature_and_accuracy_decide():
     flat = flat_edges(rules, 1)
     error = np.maximum(2.0 * rules.noise / np.sqrt(rules.n_neighbors), 1e-3 * rules.radius)
     ratio = flat / np.sqrt(8.0 * error)  # the curvature is 1
-    assert 0.95 < np.median(ratio) < 1.02 and 0.5 < ratio.min() and ratio.max() < 1.5
+    assert 0.95 < np.median(ratio) < 1.02
+    assert ratio.min() > 0.5
+    assert ratio.max() < 1.5
 
 
 def test_planes_allow_large_cubes_and_edges_do_not(cube):
