@@ -21,7 +21,7 @@ and between the rounds directions lose what they have learnt."""
 SETTLED, MOST = 5e-4, 40
 """Share of the samples that still change sides when the iteration at the coarse width ends, and the
 most iterations."""
-NARROWING = 3
+NARROWING = 5
 """Iterations on the way to the fine width."""
 
 
