@@ -18,7 +18,7 @@ REACH = (0.75, 1.5)
 which on the winding number does."""
 
 
-CERTAIN = (0.3, 0.45)
+CERTAIN = (0.2, 0.35)
 """Distance of the winding number from its level up to which the local implicits are believed, and
 from which on not: whatever they say, such a place is inside or outside."""
 WIDTH = 0.75
