@@ -295,7 +295,5 @@ def test_flips_are_told_apart_by_thickness(run: Run, ball: Path) -> None:
 
 def test_topology_of_a_ball(run: Run, ball: Path) -> None:
     done = run("topology", ball, "-n", 2000, "--noise", 0, 1)
-    lines = done.stdout.splitlines()
-    assert lines[0].startswith("| cloud | pieces")
-    for line, noise in zip(lines[2:], ["0", "1"], strict=True):
+    for line, noise in zip(done.stdout.splitlines()[2:], ["0", "1"], strict=True):
         assert line.startswith(f"| {ball.stem}, {noise} % | 1 | 1 | 0 | 0 | ")
