@@ -16,7 +16,8 @@ from .winding_normals import OPENING
 REACH = (0.75, 1.5)
 """Distance from the data, over the spacing, up to which the local implicits speak alone, and from
 which on the winding number does."""
-
+NOISY_REACH = 0.67
+"""The same where there is noise, over that where there is none."""
 
 CERTAIN = (0.2, 0.35)
 """Distance of the winding number from its level up to which the local implicits are believed, and
@@ -67,6 +68,7 @@ class Field:
     ) -> None:
         self.rules = rules
         self.surfaces = surfaces
+        self._reach = 1.0 + (NOISY_REACH - 1.0) * float(np.median(rules.noisiness))
         self._samples = _kernels.KdTree(samples, n_threads)
         self._spacing = spacing
         self.n_threads = n_threads
@@ -115,18 +117,19 @@ class Field:
         """
         # The kernels share work between neighbours.
         order = np.asarray(_kernels.sort_morton(np.ascontiguousarray(x), self.n_threads)[1])
-        values, share = np.empty(len(x)), np.empty(len(x))
+        values, support = np.empty(len(x)), np.empty(len(x))
         for start in range(0, len(x), BLOCK):  # some ten numbers a place are needed at once
             block = order[start : start + BLOCK]
-            values[block], share[block] = self._evaluate(np.ascontiguousarray(x[block]))
-        return values, share
+            values[block], support[block] = self._evaluate(np.ascontiguousarray(x[block]))
+        return values, support
 
     def _evaluate(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         # Beyond the reach of the widest spacing the search ends at once: an infinite distance.
         limit = REACH[1] * float(self._spacing.max())
         distance, nearest = self._samples.query(x, 1, limit, self.n_threads)
         spacing = self._spacing[np.minimum(nearest[:, 0], len(self._spacing) - 1)]
-        share = fade(distance[:, 0] / spacing, *REACH)
+        support = fade(distance[:, 0] / spacing, *REACH)
+        share = fade(distance[:, 0] / (self._reach * spacing), *REACH)
         excess = self.level - self.winding_number(x, spacing)
         weight = share * fade(np.abs(excess), *CERTAIN)
         far = spacing * excess
@@ -143,7 +146,7 @@ class Field:
         agree = local * far[near] > 0.0
         blend = weight[near] * local + (1.0 - weight[near]) * far[near]
         values[near] = np.where(agree, local, blend)
-        return values, share
+        return values, support
 
 
 def fade(x: NDArray[np.float64], low: float, high: float) -> NDArray[np.float64]:

@@ -22,6 +22,9 @@ REGION = 24
 TRUNCATED, POWER = 0.36, 2.6
 """Residual over the radius of a fit that points all over its ball leave, and exponent of the share
 of Gaussian noise that such a ball cuts off (simulated)."""
+LARGEST = 0.5
+"""Ratio to the former up to which this is made good for: beyond, it may be a second sheet that the
+ball holds."""
 WIDE, ENOUGH = 0.25, 40
 """Residual over radius of the fits that tell the noise, the smallest of these with so many points:
 in larger ones shape adds to it, in smaller ones most of it is cut off."""
@@ -165,10 +168,10 @@ def untruncated(rms: NDArray[np.float64], radius: NDArray[np.float64]) -> NDArra
     Returns
     -------
     (...) float64
-        Standard deviation of the noise: `rms` where that is much less than the radius, up to 1.5
+        Standard deviation of the noise: `rms` where that is much less than the radius, up to 1.1
         times as much elsewhere.
     """
-    ratio = np.minimum(rms / np.maximum(radius, 1e-300), 0.8 * TRUNCATED)
+    ratio = np.minimum(rms / np.maximum(radius, 1e-300), LARGEST * TRUNCATED)
     return np.asarray(rms / np.sqrt(1.0 - (ratio / TRUNCATED) ** POWER))
 
 

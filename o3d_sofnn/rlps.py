@@ -13,10 +13,8 @@ from .rule_base import RuleBase
 from .rules import fit_rules, infer_normals
 
 NOISE_PRECISION = (4.0, 6.0)
-"""Precision epsilon over the noise level, where that is much less than the spacing (then most of it
-is shape that the quadrics miss) and where it is not (residuals up to here are noise, not shape)."""
-NOISY = 0.2
-"""Noise over spacing from which on the latter holds."""
+"""Precision epsilon over the noise level, where most of that is shape that the quadrics miss, and
+where it is noise: residuals up to here are no shape."""
 SHAPE_PRECISION = 1e-3
 """Least precision, over the radius of a unit."""
 
@@ -147,8 +145,8 @@ def reconstruct_units(
     LocalSurfaces
     """
     if precision is None:
-        noisy = np.minimum(rules.noise / (NOISY * rules.spacing), 1.0)
-        factor = NOISE_PRECISION[0] + (NOISE_PRECISION[1] - NOISE_PRECISION[0]) * noisy
+        clean, noisy = NOISE_PRECISION
+        factor = clean + (noisy - clean) * rules.noisiness
         limit = np.maximum(factor * rules.noise, SHAPE_PRECISION * rules.radius)
         own = rules.n_neighbors
     else:

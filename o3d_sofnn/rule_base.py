@@ -19,6 +19,8 @@ NOISE_TOLERANCE = 1.4
 """Width of the membership in the residual, over the noise level."""
 SHAPE_TOLERANCE = 0.02
 """The same over the radius of the fit: what a quadric leaves of a clean shape."""
+NOISY = 0.2
+"""Noise over spacing from which on it is noise."""
 UNCERTAIN = 3.0
 """Curvature that noise may cause, over noise / radius / sqrt(points of the fit)."""
 FLAT = 0.02
@@ -104,6 +106,11 @@ class RuleBase:
     def spacing(self) -> NDArray[np.float64]:
         """Edge of the square that one point of the neighbourhood covers, (r,)."""
         return np.asarray(self.radius * np.sqrt(np.pi / self.n_neighbors) / RADIUS)
+
+    @property
+    def noisiness(self) -> NDArray[np.float64]:
+        """From 0, where the noise level is shape that quadrics miss, to 1, where it is noise."""
+        return np.minimum(self.noise / (NOISY * self.spacing), 1.0)
 
     @property
     def tolerance(self) -> NDArray[np.float64]:
