@@ -31,9 +31,10 @@ def test_noise_level_is_found_within_fifteen_percent(name, noise):
 @pytest.mark.parametrize("name", SHAPES)
 def test_noise_is_found_where_neighborhoods_are_hardly_wider(name):
     shape, size = SHAPES[name]
-    # A ball with 450 points has a radius of 3 standard deviations: it cuts a sixth of them off.
+    # A ball with 450 points has a radius of 3 standard deviations: it cuts a fifth of them off, of
+    # which nearly half is made good for; more might be a second sheet.
     scale = scale_of(shape(100_000).noisy(0.014 * size).points)
-    assert np.median(scale.noise) == pytest.approx(0.014 * size, rel=0.1)
+    assert np.median(scale.noise) == pytest.approx(0.014 * size, rel=0.15)
 
 
 @pytest.mark.parametrize("name", SHAPES)
