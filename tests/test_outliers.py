@@ -58,7 +58,7 @@ def test_many_outliers_are_found(shape, share, least, noise):
     outlier = estimate_normals(np.concatenate([points, alone])).outliers
     found = 2.0 * outlier[8000:].sum() / (outlier.sum() + len(alone))
     assert found > least  # F1; a third of the outliers lies within two spacings of the box
-    assert outlier[:8000].mean() <= 0.001
+    assert outlier[:8000].mean() <= 0.002
 
 
 @pytest.mark.parametrize("shape", [box, torus, sphere])
