@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from truth import Case, draw, read_closed
 
+from o3d_sofnn.metrics import triangle_areas
 from o3d_sofnn.pipeline import estimate_normals
 
 Array = NDArray[Any]
@@ -46,9 +47,7 @@ class Surface:
             self._tensor((vertices - self._middle).astype(np.float32)),
             self._tensor(triangles.astype(np.uint32)),
         )
-        corner = vertices[triangles]
-        cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-        self.area = 0.5 * float(np.linalg.norm(cross, axis=1).sum())
+        self.area = float(triangle_areas(vertices, triangles).sum())
         self.diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
 
     def closest(self, points: Array) -> tuple[Array, Array]:

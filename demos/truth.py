@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from o3d_sofnn import metrics
+
 Array = NDArray[Any]
 
 
@@ -60,8 +62,7 @@ class Cloud:
 
     def angles(self, normals: Array) -> Array:
         """Angles between normals and the true ones at the inliers, in degrees."""
-        cosine = np.abs((normals * self.normals).sum(axis=1))[self.inliers]
-        return np.degrees(np.arccos(np.clip(cosine, 0.0, 1.0)))
+        return metrics.normal_angles(normals[self.inliers], self.normals[self.inliers])
 
 
 def read_closed(file: Path) -> tuple[Array, Array]:
@@ -72,8 +73,7 @@ def read_closed(file: Path) -> tuple[Array, Array]:
     mesh.remove_duplicated_vertices()
     mesh.remove_degenerate_triangles()
     vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
-    middle = vertices - vertices.mean(axis=0)
-    if np.linalg.det(middle[triangles]).sum() < 0.0:  # some files are wound inwards
+    if metrics.signed_volume(vertices, triangles) < 0.0:  # some files are wound inwards
         triangles = np.ascontiguousarray(triangles[:, ::-1])
     return vertices, triangles
 

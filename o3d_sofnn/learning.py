@@ -88,10 +88,9 @@ def learn_rules(
         normals, _, residual = infer_normals(
             rules, clean, threads, sides=sides, experience=experience
         )
-        if (~inliers).mean() > MANY:
-            along = distance_along_surface(rules, clean, sides, threads)
-            near = ~off_surface(residual, along, clean, tree, scale, inliers, threads)
-            inliers[inliers] = near
+        many = (~inliers).mean() > MANY
+        if many:
+            near = _part_from_surface(residual, rules, clean, sides, tree, scale, inliers, threads)
             clean, sides = clean[near], sides[near]
             tree = KdTree(clean, threads)
             # Outliers have disturbed the scale and the rules around them.
@@ -123,11 +122,9 @@ def learn_rules(
         rules = adjust(rules, clean, threads)
         settled = known or towards is not None
         rules = replace(rules, confidence=certainty(rules, settled, threads))
-        if (~inliers).mean() > MANY:
+        if many:
             residual = infer_normals(rules, clean, threads, sides=sides, experience=experience)[2]
-            along = distance_along_surface(rules, clean, sides, threads)
-            near = ~off_surface(residual, along, clean, tree, scale, inliers, threads)
-            inliers[inliers] = near
+            near = _part_from_surface(residual, rules, clean, sides, tree, scale, inliers, threads)
             sides, tree = sides[near], KdTree(clean[near], threads)
     return Learned(x, inverse, tree, scale, inliers, sides, rules, middle, extent, warnings)
 
@@ -142,3 +139,20 @@ def _first_rules(
         size, noise = scale.n_neighbors[pilot], scale.noise[pilot]
     with clock.stage("rules"):
         return fit_rules(points, tree, centers, size, noise, threads, normals=sides, sides=facing)
+
+
+def _part_from_surface(
+    residual: Array,
+    rules: RuleBase,
+    points: Array,
+    sides: Array,
+    tree: KdTree,
+    scale: Scale,
+    inliers: NDArray[np.bool_],
+    threads: int,
+) -> NDArray[np.bool_]:
+    """Take points beside the surface out of the inliers, in place; True for those that stay."""
+    along = distance_along_surface(rules, points, sides, threads)
+    near = ~off_surface(residual, along, points, tree, scale, inliers, threads)
+    inliers[inliers] = near
+    return near

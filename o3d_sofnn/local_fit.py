@@ -114,8 +114,8 @@ def choose_scale(
     # The first minimum: beyond the size of a thin part wrong normals agree with each other.
     chosen = np.where(rising.any(axis=1), rising.argmax(axis=1), regional.argmin(axis=1))
     row = np.arange(len(pilots))
-    chosen = limit_radius(chosen, info[:, :, 2], max_radius)
     rms, radii = info[:, :, 0], info[:, :, 2]
+    chosen = limit_radius(chosen, radii, max_radius)
     telling = (rms < WIDE * radii) & (sizes[: rms.shape[1]] >= ENOUGH)
     smallest = np.where(telling.any(axis=1), telling.argmax(axis=1), chosen)
     rms = untruncated(rms, radii)
@@ -124,9 +124,13 @@ def choose_scale(
     noise = noise_level(rms[row, low], rms[row, high], sizes[low], sizes[high])
     noise = np.minimum(noise, rms[row, chosen])
     noise = np.median(noise[region], axis=1)
-    radius = radii[row, chosen] / RADIUS
-    spacing = radius * np.sqrt(np.pi / sizes[chosen])
+    spacing = spacing_of(radii[row, chosen], sizes[chosen])
     return Scale(pilots, pilot_tree, sizes[chosen], noise, np.median(spacing[region], axis=1))
+
+
+def spacing_of(radius: NDArray[np.float64], n_neighbors: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Edge of the square that one point covers in fits of a radius, (p,), to so many points."""
+    return np.asarray(radius / RADIUS * np.sqrt(np.pi / n_neighbors))
 
 
 def limit_radius(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from . import _kernels
 from .experience import Experience
-from .local_fit import RADIUS
+from .local_fit import RADIUS, spacing_of
 from .rows import joined
 from .vectors import unit
 
@@ -105,7 +105,7 @@ class RuleBase:
     @property
     def spacing(self) -> NDArray[np.float64]:
         """Edge of the square that one point of the neighbourhood covers, (r,)."""
-        return np.asarray(self.radius * np.sqrt(np.pi / self.n_neighbors) / RADIUS)
+        return spacing_of(self.radius, self.n_neighbors)
 
     @property
     def noisiness(self) -> NDArray[np.float64]:

@@ -7,9 +7,6 @@
 
 namespace sofnn {
 
-// Half-edge 3 t + k goes from corner k of triangle t to the next one.
-inline int32_t following(int32_t h) { return h % 3 < 2 ? h + 1 : h - 2; }
-
 // Half-edges by the vertex that they leave, and the twin of each.
 struct HalfEdges {
   std::vector<int32_t> start, leaving, twin;

@@ -10,26 +10,6 @@
 
 namespace sofnn {
 
-class Unions {
- public:
-  explicit Unions(int64_t n) : parent_(n) { std::iota(parent_.begin(), parent_.end(), 0); }
-
-  int32_t root(int32_t i) {
-    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
-    return i;
-  }
-
-  // False where both are in one set already.
-  bool join(int32_t a, int32_t b) {
-    a = root(a), b = root(b);
-    parent_[std::max(a, b)] = std::min(a, b);
-    return a != b;
-  }
-
- private:
-  std::vector<int32_t> parent_;
-};
-
 // Two half-edges for each handle of a closed mesh, from trees of fewest edges: those that close the shortest loops
 // through the first vertex of a piece, so that they lie beside their handles.
 inline std::vector<int32_t> handle_edges(const MeshView& mesh) {

@@ -17,6 +17,33 @@ struct MeshView {
   Vec3 vertex(int64_t i) const { return load(vertices + 3 * i); }
 };
 
+// Half-edge 3 t + k goes from corner k of triangle t to the next one.
+template <class Index>
+Index following(Index h) {
+  return h % 3 < 2 ? h + 1 : h - 2;
+}
+
+// Sets of numbers that grow together; the least number of a set is its root.
+class Unions {
+ public:
+  explicit Unions(int64_t n) : parent_(n) { std::iota(parent_.begin(), parent_.end(), 0); }
+
+  int32_t root(int32_t i) {
+    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
+    return i;
+  }
+
+  // False where both are in one set already.
+  bool join(int32_t a, int32_t b) {
+    a = root(a), b = root(b);
+    parent_[std::max(a, b)] = std::min(a, b);
+    return a != b;
+  }
+
+ private:
+  std::vector<int32_t> parent_;
+};
+
 inline Vec3 area_vector(const double* vertices, const int32_t* t) {
   const Vec3 a = load(vertices + 3 * t[0]);
   return 0.5 * cross(load(vertices + 3 * t[1]) - a, load(vertices + 3 * t[2]) - a);
@@ -49,7 +76,7 @@ inline Surroundings surroundings(const MeshView& mesh) {
   std::vector<int32_t> count(mesh.n_vertices, 0);
   // Each edge is met once in each direction, so the followers of a vertex are its neighbours.
   for (int64_t i = 0; i < 3 * mesh.n_triangles; ++i) {
-    const int32_t a = mesh.triangles[i], b = mesh.triangles[i % 3 < 2 ? i + 1 : i - 2];
+    const int32_t a = mesh.triangles[i], b = mesh.triangles[following(i)];
     const Vec3 edge = mesh.vertex(b) - mesh.vertex(a);
     double* way = &s.ways[3 * a];
     way[0] += edge.x, way[1] += edge.y, way[2] += edge.z;
@@ -101,21 +128,13 @@ inline std::vector<double> undo_turns(const MeshView& before, const double* afte
 
 // Number of the connected piece of each vertex, in the order of their first vertices.
 inline std::vector<int64_t> label_pieces(const int32_t* triangles, int64_t n_triangles, int64_t n_vertices) {
-  std::vector<int32_t> parent(n_vertices);
-  std::iota(parent.begin(), parent.end(), 0);
-  const auto root = [&](int32_t i) {
-    while (parent[i] != i) i = parent[i] = parent[parent[i]];
-    return i;
-  };
+  Unions pieces(n_vertices);
   for (int64_t i = 0; i < n_triangles; ++i)
-    for (int k = 1; k < 3; ++k) {
-      const int32_t a = root(triangles[3 * i]), b = root(triangles[3 * i + k]);
-      parent[std::max(a, b)] = std::min(a, b);
-    }
+    for (int k = 1; k < 3; ++k) pieces.join(triangles[3 * i], triangles[3 * i + k]);
   std::vector<int64_t> label(n_vertices);
   int64_t count = 0;
   for (int64_t i = 0; i < n_vertices; ++i) {  // the root of a piece is its first vertex
-    const int32_t first = root(static_cast<int32_t>(i));
+    const int32_t first = pieces.root(static_cast<int32_t>(i));
     label[i] = first == i ? count++ : label[first];
   }
   return label;
