@@ -96,7 +96,10 @@ def reshape(
         Arguments for :func:`o3d_sofnn.rules.fit_rules`.
     """
     excess = (rules.residual / (USUAL * rules.tolerance)) ** 2 - 1.0
-    # A wider fit is a better mean of the noise; where there is none nothing is to be gained.
+    # A wider fit is a better mean of the noise; where there is none nothing is to be gained. What
+    # competes is the error of shape, so noise is measured against that and not, as in
+    # `RuleBase.noisiness`, against the spacing (clean shapes: 8 % more Hausdorff distance; with
+    # this measure there, too, 4 %).
     noisy = np.minimum(NOISE_TOLERANCE * rules.noise / (SHAPE_TOLERANCE * rules.radius), 1.0)
     widest = 1.0 + (RESIZED[1] - 1.0) * noisy
     factor = widest * np.cbrt(MISFIT / np.maximum(excess, MISFIT))

@@ -15,7 +15,7 @@ from .local_fit import Scale, choose_scale
 from .octree import sort_unique
 from .orientation import certainty, settle
 from .outliers import MANY, distance_along_surface, off_surface, part_outliers
-from .revision import revise
+from .revision import read_normals, revise
 from .rule_base import RuleBase
 from .rules import fit_rules, infer_normals
 from .scale import refine_scale
@@ -117,7 +117,10 @@ def learn_rules(
             stretch=np.concatenate([stretch, np.ones(len(centers))]),
         )
         rules = combine(discard(rules), threads)
-        normals = infer_normals(rules, clean, threads, sides=sides, experience=experience)[0]
+        read = read_normals(rules, clean, threads)
+        normals[read] = infer_normals(
+            rules, clean[read], threads, sides=sides[read], experience=experience
+        )[0]
         rules = discard(revise(rules, clean, tree, normals, threads))
         rules = adjust(rules, clean, threads)
         settled = known or towards is not None

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._kernels import KdTree
+from .local_fit import RADIUS
 from .rule_base import RuleBase
 from .rules import fit_rules
 
@@ -30,7 +31,7 @@ def revise(
     rules : RuleBase
         Rules fitted with other normals.
     points, normals : (n, 3) float64
-        Distinct points and the normals inferred there.
+        Distinct points, and the normals inferred at those that :func:`read_normals` marks.
     tree : KdTree
         Over `points`.
     n_threads : int
@@ -41,7 +42,7 @@ def revise(
     RuleBase
         As many rules, those that were fitted anew last.
     """
-    disputed = rules.support < UNDISPUTED
+    disputed = _disputed(rules)
     if not disputed.any():
         return rules
     again = rules.rows(disputed)
@@ -63,3 +64,33 @@ def revise(
         stretch=again.stretch,
     )
     return rules.rows(~disputed).joined(fits)
+
+
+def read_normals(rules: RuleBase, points: NDArray[np.float64], n_threads: int) -> NDArray[np.bool_]:
+    """Mark the points whose normals :func:`revise` reads, and some around them.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Rules fitted to `points`.
+    points : (n, 3) float64
+        Distinct points.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    (n,) bool
+    """
+    again = rules.rows(_disputed(rules))
+    if not len(again):
+        return np.zeros(len(points), bool)
+    # The new neighbourhood lies around the foot, as many points as the old one around the centre.
+    moved = np.linalg.norm(again.feet - again.centers, axis=1)
+    reach = np.sqrt(again.stretch) * again.radius / RADIUS + moved
+    widest = np.full(len(points), 1.001 * reach.max())  # more than rounding takes from the radii
+    return np.asarray(KdTree(again.feet, n_threads).crowded(points, 1, widest, n_threads), bool)
+
+
+def _disputed(rules: RuleBase) -> NDArray[np.bool_]:
+    return np.asarray(rules.support < UNDISPUTED)

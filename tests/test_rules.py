@@ -10,9 +10,10 @@ from shapes import box, plane_patch, sphere, torus
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.growth import RESIZED, SUPPORTED, discard, reshape
 from o3d_sofnn.pipeline import estimate_normals
-from o3d_sofnn.revision import UNDISPUTED, revise
+from o3d_sofnn.revision import UNDISPUTED, read_normals, revise
 from o3d_sofnn.rule_base import LONGEST
 from o3d_sofnn.rules import fit_rules
+from o3d_sofnn.vectors import unit
 
 
 def fitted(shape, noise=0.0, **options):
@@ -123,15 +124,30 @@ def test_neighborhoods_keep_the_limits_of_the_user():
     assert (area <= np.maximum((limit / rules.radius) ** 2, 1.0) + 0.02).all()
 
 
-def test_rules_beside_an_edge_are_fitted_anew_and_gain_by_better_normals():
+def blurred_box(stretch=1.0):
+    """A box, the tree over it, and rules fitted with normals that are blurred across its edges."""
     shape = box(6000)
     points, tree = np.ascontiguousarray(shape.points), KdTree(shape.points, 1)
     blurred = shape.normals[tree.query(points, 12, np.inf, 1)[1]].mean(axis=1)
     blurred /= np.linalg.norm(blurred, axis=1, keepdims=True)
     centers, size, noise = points[::20], np.full(300, 24), np.zeros(300)
     rules = fit_rules(
-        points, tree, centers, size, noise, 1, normals=blurred, sides=shape.normals[::20]
+        points,
+        tree,
+        centers,
+        size,
+        noise,
+        1,
+        normals=blurred,
+        sides=shape.normals[::20],
+        across=unit(np.cross(shape.normals[::20], [0.6, 0.0, 0.8])),
+        stretch=np.full(300, stretch),
     )
+    return shape, points, tree, rules
+
+
+def test_rules_beside_an_edge_are_fitted_anew_and_gain_by_better_normals():
+    shape, points, tree, rules = blurred_box()
     revised = revise(rules, points, tree, shape.normals, 1)
     disputed = rules.support < UNDISPUTED
     assert 0 < disputed.sum() < len(rules)
@@ -149,3 +165,16 @@ def test_rules_with_undisputed_neighborhoods_stay():
     rules = fitted(shape)
     tree = KdTree(shape.points, 1)
     assert revise(rules, shape.points, tree, shape.normals, 1) is rules
+    assert not read_normals(rules, shape.points, 1).any()
+
+
+@pytest.mark.parametrize("stretch", [1.0, 2.0])
+def test_third_fits_read_no_other_normals_than_those_marked(stretch):
+    shape, points, tree, rules = blurred_box(stretch)
+    read = read_normals(rules, points, 1)
+    assert 0 < read.sum() < len(points)
+    unread = np.where(read[:, None], shape.normals, np.nan)
+    revised = revise(rules, points, tree, unread, 1)
+    expected = revise(rules, points, tree, shape.normals, 1)
+    np.testing.assert_array_equal(revised.coefficients, expected.coefficients)
+    np.testing.assert_array_equal(revised.normals, expected.normals)
