@@ -31,13 +31,15 @@ class Clock:
 
     progress: Progress | None
     seconds: dict[str, float] = field(default_factory=dict)
+    _done: float = 0.0
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Announce a stage, and add the time of the block to it."""
+        """Announce a stage, and add the time of the block to it; a stage may come again."""
+        before = [0.0, *STAGES.values()][list(STAGES).index(name)]
+        self._done = max(self._done, before)
         if self.progress:
-            done = list(STAGES.values())
-            self.progress(dict(zip(STAGES, [0.0, *done[:-1]], strict=True))[name], name)
+            self.progress(self._done, name)
         start = time.perf_counter()
         yield
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start

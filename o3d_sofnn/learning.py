@@ -84,22 +84,22 @@ def learn_rules(
         warnings: tuple[str, ...] = ()
         if not known:
             rules, sides, warnings = settle(rules, sides, clean, towards, threads)
+    many = (~inliers).mean() > MANY
+    if many:
+        with clock.stage("growth"):
+            near = _part_from_surface(
+                rules, clean, sides, tree, scale, inliers, threads, experience
+            )
+            clean, sides = clean[near], sides[near]
+            tree = KdTree(clean, threads)
+        with clock.stage("scale"):  # which outliers have disturbed, as the rules around them
+            scale = choose_scale(clean, tree, max_nn, limit, threads)
+            scale = refine_scale(clean, tree, scale, sides, max_nn, limit, threads)
+        rules = _first_rules(clean, tree, scale, sides, threads, clock)
     with clock.stage("growth"):
         normals, _, residual = infer_normals(
             rules, clean, threads, sides=sides, experience=experience
         )
-        many = (~inliers).mean() > MANY
-        if many:
-            near = _part_from_surface(residual, rules, clean, sides, tree, scale, inliers, threads)
-            clean, sides = clean[near], sides[near]
-            tree = KdTree(clean, threads)
-            # Outliers have disturbed the scale and the rules around them.
-            scale = choose_scale(clean, tree, max_nn, limit, threads)
-            scale = refine_scale(clean, tree, scale, sides, max_nn, limit, threads)
-            rules = _first_rules(clean, tree, scale, sides, threads, Clock(None))
-            normals, _, residual = infer_normals(
-                rules, clean, threads, sides=sides, experience=experience
-            )
         facing = sides_around(rules.centers, rules.normals, normals, tree, threads)
         centers, count, noise = generate(rules, clean, residual, threads)
         side = infer_normals(rules, centers, threads)[0]
@@ -126,8 +126,9 @@ def learn_rules(
         settled = known or towards is not None
         rules = replace(rules, confidence=certainty(rules, settled, threads))
         if many:
-            residual = infer_normals(rules, clean, threads, sides=sides, experience=experience)[2]
-            near = _part_from_surface(residual, rules, clean, sides, tree, scale, inliers, threads)
+            near = _part_from_surface(
+                rules, clean, sides, tree, scale, inliers, threads, experience
+            )
             sides, tree = sides[near], KdTree(clean[near], threads)
     return Learned(x, inverse, tree, scale, inliers, sides, rules, middle, extent, warnings)
 
@@ -145,7 +146,6 @@ def _first_rules(
 
 
 def _part_from_surface(
-    residual: Array,
     rules: RuleBase,
     points: Array,
     sides: Array,
@@ -153,8 +153,10 @@ def _part_from_surface(
     scale: Scale,
     inliers: NDArray[np.bool_],
     threads: int,
+    experience: Experience | None,
 ) -> NDArray[np.bool_]:
     """Take points beside the surface out of the inliers, in place; True for those that stay."""
+    residual = infer_normals(rules, points, threads, sides=sides, experience=experience)[2]
     along = distance_along_surface(rules, points, sides, threads)
     near = ~off_surface(residual, along, points, tree, scale, inliers, threads)
     inliers[inliers] = near

@@ -226,3 +226,16 @@ def test_progress_grows_to_one_and_can_stop_the_work():
 
     with pytest.raises(KeyboardInterrupt):
         reconstruct_surface(sphere(300).points, progress=stop)
+
+
+def test_first_rules_are_found_and_timed_anew_without_outliers():
+    shape = sphere(2000)
+    stray = np.random.default_rng(0).uniform(-1.5, 1.5, (200, 3))
+    seen = []
+    estimate_normals(
+        np.concatenate([shape.points, stray]),
+        progress=lambda done, text: seen.append((done, text)),
+    )
+    assert [text for _, text in seen].count("typical data") == 2
+    fractions = [done for done, _ in seen]
+    assert fractions == sorted(fractions)
