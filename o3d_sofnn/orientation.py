@@ -8,6 +8,7 @@ import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
 from ._kernels import KdTree, WindingTree
+from .perspective import seen_together
 from .pieces import pieces, turn_along
 from .rule_base import RuleBase
 from .winding import cell_areas
@@ -45,7 +46,8 @@ def unify(rules: RuleBase, n_threads: int) -> tuple[RuleBase, NDArray[np.bool_]]
     wall are not joined. The tree replaces the winding number's signs only on a connected piece that
     is open (one spacing in front of it the winding number is not zero, or its two sides are no
     farther apart than noise alone would put them) and only when it leaves less than half as many
-    edges in contradiction; the whole piece keeps the side that most of it had.
+    edges in contradiction; the whole piece keeps the side that most of it had. Pieces that are seen
+    beside an open sheet with most of the surface get their side from it.
 
     Parameters
     ----------
@@ -86,9 +88,16 @@ def unify(rules: RuleBase, n_threads: int) -> tuple[RuleBase, NDArray[np.bool_]]
     within_noise = (cosine < 0) & (rise < NOISY[0] * np.maximum(rules.noise[a], rules.noise[b]))
     edges = np.bincount(pieces_of_edges, minlength=count)
     noisy = np.bincount(pieces_of_edges, within_noise, count) > NOISY[1] * edges
-    sheet = (noisy & (after <= NOISY[2] * before)) | ((closed < CLOSED) & (after < 0.5 * before))
-    size = np.bincount(piece)
-    replaced = (sheet & (size >= min(PATCH[0], PATCH[1] * n)))[piece]
+    is_open = closed < CLOSED
+    sheet = (noisy & (after <= NOISY[2] * before)) | (is_open & (after < 0.5 * before))
+    sheet &= np.bincount(piece) >= min(PATCH[0], PATCH[1] * n)
+    main = int(np.bincount(piece, area).argmax())
+    if is_open[main] and area[piece == main].sum() > 0.5 * area.sum():
+        shown = seen_together(feet, sign[:, None] * normals, area, piece, main, n_threads)
+        sheet |= shown != 0
+        sheet[main] |= shown.any()
+        sign = sign * np.where(shown < 0, -1.0, 1.0)[piece]
+    replaced = sheet[piece]
     return rules.facing(normals * np.where(replaced, sign, 1.0)[:, None]), replaced
 
 
