@@ -148,6 +148,26 @@ def test_the_odd_edge_of_three_faces_comes_first(convex):
     np.testing.assert_allclose(values, expected, rtol=0.0, atol=1e-12)
 
 
+def edge_with_few_rules(bend):
+    """Rules on two planes that meet at the edge x = z = 0; the second one has its rules far off."""
+    centers = np.array([[-0.1, 0.0, 0.0], [-0.1, 0.5, 0.0], [0.0, 0.0, -1.0]])
+    frames = np.ascontiguousarray([reference.local_fit.frame_of(np.eye(3)[k]) for k in (2, 2, 0)])
+    coefficients = np.zeros((3, 6))
+    coefficients[2, 3] = bend
+    ones = np.ones(3)
+    return reference.Rules(centers, frames, coefficients, 0.95 * ones, ones, 0.01 * ones, ones)
+
+
+@pytest.mark.parametrize(("bend", "cut"), [(0.0, True), (0.2, False)])
+def test_a_flat_face_with_few_rules_bounds_the_other_one(bend, cut):
+    rules = edge_with_few_rules(bend)
+    x = np.array([[0.1, 0.0, -0.01]])
+    value = _kernels.evaluate_field(view(rules), *no_terms(3), x, 16, 1)
+    assert (value[0] > 0.09) == cut
+    expected = reference.evaluate_field(rules, *no_terms(3), x, 16)
+    np.testing.assert_allclose(value, expected, rtol=0.0, atol=1e-12)
+
+
 # --- local progressive surfaces
 
 

@@ -33,8 +33,15 @@ struct FieldScratch {
 inline double same_face(double relative_noise) { return std::min(std::max(0.9 - 5 * relative_noise, 0.2), 0.8); }
 constexpr int kFaces = 3;
 
-// A face counts when its best rule has at least this membership, relative to the best one (logarithm).
-constexpr double kFaint = -3;
+// A face counts when its best rule has at least this membership, relative to the best one (logarithm). What is flat may
+// be continued farther: where rules are scarce at an edge the other face would run on beyond it.
+constexpr double kFaint = -3, kFaintFlat = -5;
+constexpr double kFlat = 0.1;  // sum of the quadratic coefficients up to which a rule is flat
+
+inline double faint(const Rule& rule) {
+  const double* q = rule.coefficients;
+  return std::fabs(q[3]) + std::fabs(q[4]) + std::fabs(q[5]) < kFlat ? kFaintFlat : kFaint;
+}
 
 // Two faces meet in a convex edge when each lies behind the other: their solids intersect; else they unite.
 // All pairs of rules vote by their memberships.
@@ -146,7 +153,8 @@ inline double combine_faces(Faces& s) {
   for (; count < kFaces; ++count) {
     int64_t best = -1;
     for (int64_t i = 0; i < n; ++i)
-      if (s.face[i] < 0 && (count == 0 || s.reach[i] > nearest + kFaint) && (best < 0 || s.log_weight[i] > s.log_weight[best]))
+      if (s.face[i] < 0 && (count == 0 || s.reach[i] > nearest + faint(*s.rule[i])) &&
+          (best < 0 || s.log_weight[i] > s.log_weight[best]))
         best = i;
     if (best < 0) break;
     double sum = 0, total = 0, top = -1e300;

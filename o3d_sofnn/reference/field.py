@@ -18,8 +18,10 @@ SAME_FACE = (0.2, 0.8)
 """Range of the cosine between two normals above which their rules belong to one face."""
 FACES = 3
 """Largest number of faces that meet."""
-FAINT = -3.0
-"""Logarithm of the least membership of a face, over the largest one."""
+FAINT, FAINT_FLAT = -3.0, -5.0
+"""Logarithm of the least membership of a bent and of a flat face, over the largest one."""
+FLAT = 0.1
+"""Sum of the quadratic coefficients up to which a rule is flat."""
 REACH = 4.0
 """Steepness of the membership in the tangent plane."""
 BLUR = 0.2
@@ -55,16 +57,20 @@ def evaluate_field(rules: Rules, rbf: Array, terms: NDArray[np.int64], x: Array,
         z = rule.residual / np.maximum(local.tolerance, BLUR * local.radius)
         # The noisier a rule is, the more its neighbours may differ for no reason but noise.
         same = np.clip(0.9 - 5.0 * local.tolerance / local.radius, *SAME_FACE)
-        values[row] = _combine(rule, near, near - 0.5 * z**2, same)
+        flat = np.abs(local.coefficients[:, 3:]).sum(axis=1) < FLAT
+        faint = np.where(flat, FAINT_FLAT, FAINT)
+        values[row] = _combine(rule, near, near - 0.5 * z**2, same, faint)
     return values
 
 
-def _combine(rule: Contribution, near: Array, membership: Array, same: Array) -> float:
+def _combine(
+    rule: Contribution, near: Array, membership: Array, same: Array, faint: Array
+) -> float:
     free = np.ones(len(near), bool)
     faces: list[Mask] = []
     heights: list[float] = []
     while len(faces) < FACES:
-        eligible = free & ((near > near.max() + FAINT) | (not faces))
+        eligible = free & ((near > near.max() + faint) | (not faces))
         if not eligible.any():
             break
         best = int(np.where(eligible, membership, -np.inf).argmax())
