@@ -16,7 +16,7 @@ from .clock import STAGES, Clock, Progress
 from .experience import shipped
 from .field import Field
 from .learning import Learned, learn_rules
-from .resolution import choose_levels, choose_voxel_size, flat_edges
+from .resolution import choose_cubes
 from .results import NormalEstimate, SurfaceEstimate
 from .rlps import local_surfaces
 from .rules import infer_normals
@@ -146,20 +146,13 @@ def reconstruct_surface(
         middle, extent = learned.middle, learned.extent
         del learned  # with its tree
     with clock.stage("field"):
-        flat = flat_edges(rules, threads)
-        size = choose_voxel_size(
-            distinct,
-            float(np.median(scale.spacing)),
-            rules,
-            flat,
-            depth,
-            None if voxel_size is None else voxel_size / extent,
-        )
         samples = inliers - residual[:, None] * facing
         spacing = scale.spacing[scale.at(inliers, threads)]
-        finest, levels = size, np.zeros(len(samples), np.int64)
-        if depth is None and voxel_size is None:
-            finest, levels = choose_levels(samples, spacing, rules, flat, size, threads)
+        usual = float(np.median(scale.spacing))
+        wanted = None if voxel_size is None else voxel_size / extent
+        size, finest, levels = choose_cubes(
+            distinct, samples, spacing, usual, rules, depth, wanted, threads
+        )
         spacing = np.maximum(spacing, finest * np.exp2(levels))
         implicit = Field(rules, surfaces, samples, facing, spacing, threads)
     del inliers, facing, residual, spacing  # a third of what is held

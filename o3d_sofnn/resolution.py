@@ -60,15 +60,65 @@ def flat_edges(rules: RuleBase, n_threads: int) -> NDArray[np.float64]:
     return np.where(bent, 0.0, np.sqrt(8.0 * error / curvature))
 
 
+def choose_cubes(
+    points: NDArray[np.float64],
+    samples: NDArray[np.float64],
+    spacing: NDArray[np.float64],
+    usual_spacing: float,
+    rules: RuleBase,
+    depth: int | None,
+    voxel_size: float | None,
+    n_threads: int,
+) -> tuple[float, float, NDArray[np.int64]]:
+    """Edges of the cubes along the surface.
+
+    Who gives a resolution gets it: all cubes are then of that size. Else they are as large as
+    spacing, noise and curvature allow.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        The cloud.
+    samples : (m, 3) float64
+        Those on the surface, moved onto it.
+    spacing : (m,) float64
+        Edge of the square that one point covers, at each.
+    usual_spacing : float
+        The same where the data is as usual.
+    rules : RuleBase
+        Rules.
+    depth : int or None
+        Octree depth over the longest side.
+    voxel_size : float or None
+        Edge of a cube, in the unit of the points.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    size : float
+        Edge of a cube where the data is as usual.
+    finest : float
+        Edge of the finest cubes.
+    levels : (m,) int64
+        The cubes around a sample have an edge of ``finest * 2**level``.
+    """
+    if depth is not None:
+        voxel_size = float(longest_side(points) / 2**depth)
+    if voxel_size is not None:
+        return voxel_size, voxel_size, np.zeros(len(samples), np.int64)
+    flat = flat_edges(rules, n_threads)
+    size = choose_voxel_size(points, usual_spacing, rules, flat)
+    return size, *choose_levels(samples, spacing, rules, flat, size, n_threads)
+
+
 def choose_voxel_size(
     points: NDArray[np.float64],
     spacing: float,
     rules: RuleBase,
     flat: NDArray[np.float64],
-    depth: int | None,
-    voxel_size: float | None,
 ) -> float:
-    """Edge of a cube: what the user wants, or what most of the data asks for.
+    """Edge of a cube that most of the data asks for.
 
     Parameters
     ----------
@@ -80,20 +130,12 @@ def choose_voxel_size(
         Rules.
     flat : (r,) float64
         What :func:`flat_edges` says of them.
-    depth : int or None
-        Octree depth over the longest side.
-    voxel_size : float or None
-        Edge of a cube.
 
     Returns
     -------
     float
         In the unit of the points.
     """
-    if voxel_size is not None:
-        return voxel_size
-    if depth is not None:
-        return float(longest_side(points) / 2**depth)
     least = np.maximum(SPACING * spacing, RESOLVED * rules.radius)
     wanted = float(np.median(np.clip(flat, least, COARSER * least)))
     finest = longest_side(points) / max(SIDE, 1.25 * float(np.sqrt(len(points))))

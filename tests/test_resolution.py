@@ -8,7 +8,7 @@ from shapes import box, sphere
 
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.pipeline import estimate_normals, reconstruct_surface
-from o3d_sofnn.resolution import choose_levels, choose_voxel_size, flat_edges
+from o3d_sofnn.resolution import choose_cubes, choose_levels, choose_voxel_size, flat_edges
 
 
 @pytest.fixture(scope="module")
@@ -39,19 +39,32 @@ def test_planes_allow_large_cubes_and_edges_do_not(cube):
 def test_cubes_beside_edges_are_finer(cube):
     points, spacing, rules = cube
     flat = flat_edges(rules, 1)
-    size = choose_voxel_size(points, spacing, rules, flat, None, None)
+    size = choose_voxel_size(points, spacing, rules, flat)
     finest, levels = choose_levels(points, np.full(len(points), spacing), rules, flat, size, 1)
     assert finest <= 0.8 * spacing < size <= 1.6 * spacing
     near = KdTree(rules.centers, 1).query(points, 1, np.inf, 1)[1][:, 0]
     assert levels[flat[near] == 0.0].max() < levels[flat[near] > 2.0 * size].min()
 
 
-def test_what_the_user_wants_counts(cube):
+@pytest.mark.parametrize(("depth", "voxel_size"), [(5, None), (None, 1.0 / 32)])
+def test_who_gives_a_resolution_gets_it_everywhere(cube, depth, voxel_size):
     points, spacing, rules = cube
-    flat = flat_edges(rules, 1)
-    assert choose_voxel_size(points, spacing, rules, flat, None, 0.123) == 0.123
-    side = choose_voxel_size(points, spacing, rules, flat, 5, None)
-    assert side == pytest.approx(np.ptp(points, axis=0).max() / 32)
+    sparse = np.where(points[:, 0] < 0.0, spacing, 4.0 * spacing)
+    size, finest, levels = choose_cubes(
+        points, points, sparse, spacing, rules, depth, voxel_size, 1
+    )
+    assert size == finest == pytest.approx(np.ptp(points, axis=0).max() / 32, rel=1e-2)
+    assert not levels.any()
+
+
+def test_triangles_have_the_size_that_the_user_gives():
+    edge = 0.04
+    surface = reconstruct_surface(box(20000).points, voxel_size=edge)
+    assert surface.voxel_size == edge
+    corners = surface.vertices[surface.triangles]
+    lengths = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    assert np.median(lengths) == pytest.approx(edge, rel=0.2)
+    assert len(surface.triangles) == pytest.approx(2 * 6 / edge**2, rel=0.1)
 
 
 def test_a_flat_shape_has_fewer_triangles_and_keeps_its_edges():
