@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import re
+import signal
+import subprocess
 import sys
+import time
 from collections import defaultdict
 from pathlib import Path
 from statistics import median
@@ -195,6 +198,35 @@ def test_ctrl_c_leaves_a_report_on_what_was_finished(inputs, tmp_path, monkeypat
     assert cli.main(["compare", str(inputs[0]), *options]) == cli.INTERRUPTED
     assert [row["method"] for row in read_csv(tmp_path / "results.csv")] == ["open3d_alpha_shape"]
     assert "Interrupted" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def spawned(process: int) -> list[Path]:
+    """Processes that multiprocessing has started, without its own helper."""
+    tasks = Path(f"/proc/{process}/task").glob("*/children")
+    found = [Path(f"/proc/{child}") for task in tasks for child in task.read_text().split()]
+    return [child for child in found if b"spawn_main" in (child / "cmdline").read_bytes()]
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="Linux tells the children")
+def test_sigterm_ends_the_process_of_a_method_too(tmp_path):
+    np.savetxt(tmp_path / "ring.xyz", shapes.torus(200_000).points)
+    options = ["--out", str(tmp_path / "out"), "--methods", "ours", "--progress", "plain"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "o3d_sofnn", "compare", str(tmp_path / "ring.xyz"), *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        for line in process.stdout:
+            if "ours" in line:
+                break
+        while not (started := spawned(process.pid)):
+            time.sleep(0.05)
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == cli.INTERRUPTED, err
+    assert "interrupted" in err
+    assert not any(child.exists() for child in started)
 
 
 def test_a_method_that_takes_too_long_is_a_failure_with_a_message(inputs, tmp_path):

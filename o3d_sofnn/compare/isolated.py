@@ -77,17 +77,22 @@ def call(
     Returns
     -------
     Outcome
-        Never raises for a failure of the function; Ctrl-C ends the process and propagates.
+        Never raises for a failure of the function.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        After Ctrl-C or SIGTERM; the process is ended.
     """
     # A new interpreter: threads and graphics contexts do not survive a fork.
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, _heeding_termination():
         log = Path(folder, "log")
         process = context.Process(target=_child, args=(sender, log, function, args), daemon=True)
         started = time.perf_counter()
         try:
-            with _deaf_to_interrupts(), mock.patch.dict(os.environ, environment or {}):
+            with _deaf_to_signals(), mock.patch.dict(os.environ, environment or {}):
                 process.start()
             sender.close()
             if receiver.poll(timeout):
@@ -105,14 +110,34 @@ def call(
 
 
 @contextlib.contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
+def _heeding_termination() -> Iterator[None]:
+    """Take SIGTERM for Ctrl-C: by default it would end this process alone, and leave the other."""
+
+    def interrupt(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    if signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield  # somebody else decides what it means
+        return
+    signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+@contextlib.contextmanager
+def _deaf_to_signals() -> Iterator[None]:
     """Start a process that never hears Ctrl-C, which reaches the whole group of processes.
 
-    A new process inherits that the signal is blocked. Here it must wait until the start is over,
-    whichever thread gets it: half a start would leave a process that nobody ends.
+    A new process inherits that the signal is blocked. Here signals must wait until the start is
+    over, whichever thread gets them: half a start would leave a process that nobody ends.
     """
     heard: list[int] = []
-    handler = signal.signal(signal.SIGINT, lambda number, frame: heard.append(number))
+    handlers = {
+        number: signal.signal(number, lambda number, frame: heard.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
     blocked = hasattr(signal, "pthread_sigmask")
     if blocked:
         # Python's own helper process would unblock the signal when it starts.
@@ -123,7 +148,8 @@ def _deaf_to_interrupts() -> Iterator[None]:
     finally:
         if blocked:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        signal.signal(signal.SIGINT, handler)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
     if heard:
         raise KeyboardInterrupt
 
