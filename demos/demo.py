@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import csv
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 HERE = Path(__file__).parent
 
@@ -111,6 +113,14 @@ def step(text: str) -> Iterator[None]:
             clock.join()
             print("\r", end="")
         print(f"  {text}: {time.perf_counter() - started:.1f} s", flush=True)
+
+
+def write_csv(path: Path, rows: Sequence[Mapping[str, Any]], columns: Iterable[str] = ()) -> None:
+    """Write rows as they stand now; without `columns` the first row says what they are."""
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, list(columns) or list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
 
 
 def _done(job: Job) -> bool:

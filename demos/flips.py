@@ -8,14 +8,12 @@ twice the spacing.
 
 from __future__ import annotations
 
-import argparse
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from truth import Case, draw, read_closed
+from truth import DENSITIES, Case, draw, parser, read_closed
 
 from o3d_sofnn.metrics import triangle_areas
 from o3d_sofnn.pipeline import estimate_normals
@@ -75,14 +73,10 @@ def percent(wrong: NDArray[np.bool_]) -> str:
 
 def main() -> int:
     """Print a line for each cloud, then how often each tenth of the confidence is flipped."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("meshes", nargs="+", type=Path, help="closed meshes")
-    parser.add_argument("-n", type=int, default=20_000, help="points")
-    parser.add_argument("--noise", type=float, nargs="+", default=[0.0], help="%% of the diagonal")
-    densities = ["uniform", "gradient", "striped", "patchy"]
-    parser.add_argument("--density", nargs="+", default=densities[:1], choices=densities)
-    parser.add_argument("--outliers", type=float, default=0.0, help="%% of the points")
-    options = parser.parse_args()
+    found = parser(__doc__)
+    found.add_argument("--density", nargs="+", default=DENSITIES[:1], choices=DENSITIES)
+    found.add_argument("--outliers", type=float, default=0.0, help="%% of the points")
+    options = found.parse_args()
     print("| cloud | flipped, % | limit | thin, % of the points | flipped there | elsewhere |")
     print("|---|---|---|---|---|---|")
     confidence, wrong = [np.zeros(0)], [np.zeros(0, bool)]

@@ -7,13 +7,15 @@ peers get MeshLab's own normals first. Without arguments the meshes come from th
 from __future__ import annotations
 
 import argparse
-import csv
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
 
+import demo
 import inputs
 from meshlab_sofnn import peers as chains
 
@@ -22,7 +24,6 @@ from o3d_sofnn.compare.isolated import call
 from o3d_sofnn.compare.measure import FIGURES, Truth, figures
 from o3d_sofnn.compare.peers import Array
 
-HERE = Path(__file__).parent
 NOISE = (0.0, 0.005)
 """Of the points, along each axis, in parts of the diagonal."""
 MODELS = ("bunny", "cow", "bone")
@@ -41,48 +42,71 @@ TITLES = {
     "meshlab_apss": "APSS",
 }
 """Of the chains of filters."""
+COLUMNS = ("input", "method", "error", *FIGURES, "normals_seconds")
+"""Of the CSV file: those of ``o3d-sofnn compare``, and the time for normals."""
 SHOWN = ("chamfer", "hausdorff", "normal_consistency", "flipped")
 COUNTED = ("components", "triangles")
 
 
 def main() -> int:
-    """Compare; 0 when this package succeeded on every input, 1 when not."""
+    """Compare and return the exit code, see :func:`demo.work`."""
     args = _arguments()
-    output = args.out.resolve()
-    output.mkdir(parents=True, exist_ok=True)
-    count = SAMPLES // 10 if args.quick else SAMPLES
-    rows: list[dict[str, Any]] = []
-    points = min(args.points, 4000) if args.quick else args.points
-    failed = interrupted = False
-    try:
-        for file in map(str, args.truth or [inputs.MODELS[name][0] for name in MODELS]):
-            try:
-                for name, cloud, truth in _clouds(file, points):
-                    for method in args.methods:
-                        print(f"{name}: {method} ... ", end="", flush=True)
-                        row = _run(cloud, truth, method, count, args.timeout)
-                        rows.append({"input": name, "method": method, **row})
-                        print(row["error"] or f"{row['seconds']:.2f} s", flush=True)
-                        _write_csv(output / "meshlab.csv", rows)
-            except (OSError, ValueError, RuntimeError) as error:  # the other inputs go on
-                failed = True
-                print(f"failed: {file}: {error}", flush=True)
-    except KeyboardInterrupt:
-        interrupted = True
-        print("\ninterrupted; this is what was finished", file=sys.stderr)
-    table = "\n".join(_table(rows))
-    (output / "meshlab.md").write_text(table + "\n", encoding="utf-8")
-    print(f"\n{table}\n\n{output / 'meshlab.csv'}\n{output / 'meshlab.md'}")
-    if interrupted:
-        return 130
-    return int(failed or any(row["error"] for row in rows if row["method"] == "meshlab_sofnn"))
+    comparison = Comparison(
+        args.out.resolve(),
+        args.methods,
+        min(args.points, 4000) if args.quick else args.points,
+        SAMPLES // 10 if args.quick else SAMPLES,
+        args.timeout,
+    )
+    files = [*map(str, args.truth)] or [inputs.MODELS[name][0] for name in MODELS]
+    jobs = {file: partial(comparison.run, file) for file in files}
+    return demo.work(jobs, comparison.output, comparison.finish)
+
+
+@dataclass
+class Comparison:
+    """What is compared, and what came out so far."""
+
+    output: Path
+    methods: Sequence[str]
+    points: int
+    samples: int
+    timeout: float
+    rows: list[dict[str, Any]] = field(default_factory=list)
+
+    def run(self, file: str) -> None:
+        """Run all methods on the clouds of one model.
+
+        Raises
+        ------
+        RuntimeError
+            This package failed.
+        """
+        failures = []
+        for name, cloud, truth in _clouds(file, self.points):
+            for method in self.methods:
+                print(f"  {name}: {method} ... ", end="", flush=True)
+                row = _run(cloud, truth, method, self.samples, self.timeout)
+                self.rows.append({"input": name, "method": method, **row})
+                print(row["error"] or f"{row['seconds']:.2f} s", flush=True)
+                demo.write_csv(self.output / "meshlab.csv", self.rows, COLUMNS)
+                if row["error"] and method == "meshlab_sofnn":
+                    failures.append(f"{name}: {row['error']}")
+        if failures:
+            raise RuntimeError("; ".join(failures))
+
+    def finish(self) -> None:
+        """Write and print the table."""
+        table = "\n".join(_table(self.rows))
+        (self.output / "meshlab.md").write_text(table + "\n", encoding="utf-8")
+        print(f"\n{table}\n")
 
 
 def _clouds(file: str, count: int) -> Iterator[tuple[str, Array, Truth]]:
     """Yield names, points and the true surface; a whole path, or a model of the wheel."""
     vertices, triangles, _ = inputs.read_model(file)
     if not metrics.is_closed(triangles):
-        raise ValueError("expected a closed mesh")
+        raise ValueError(f"{file}: expected a closed mesh")
     if metrics.signed_volume(vertices, triangles) < 0:
         triangles = triangles[:, ::-1].copy()
     points, normals = metrics.sample_surface(vertices, triangles, count)
@@ -146,32 +170,13 @@ def _share(value: float) -> str:
     return {0.0: "no", 1.0: "yes"}.get(value, f"{100 * value:.0f} %")
 
 
-def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
-    """Write the columns of compare.py's results, and the time for normals."""
-    columns = ["input", "method", "error", *FIGURES, "normals_seconds"]
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, columns)
-        writer.writeheader()
-        writer.writerows(rows)
-
-
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = demo.parser(__doc__, "meshlab", timeout=180.0)
     parser.add_argument(
         "truth", nargs="*", type=lambda text: Path(text).resolve(), help="closed meshes to sample"
     )
     parser.add_argument("--methods", nargs="+", choices=list(TITLES), default=list(TITLES))
     parser.add_argument("--points", type=int, default=20_000, help="drawn from each mesh")
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=HERE / "output" / "meshlab",
-        help="folder for the CSV and the table (default: %(default)s)",
-    )
-    parser.add_argument("--quick", action="store_true", help="fewer points, coarser figures")
-    parser.add_argument(
-        "--timeout", type=float, default=180.0, help="seconds for one method (default: %(default)g)"
-    )
     return parser.parse_args()
 
 

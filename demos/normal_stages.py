@@ -7,18 +7,16 @@ the cloud at hand, over that without off-line rules.
 
 from __future__ import annotations
 
-import argparse
 import copy
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
 from normals import planes
 from numpy.typing import NDArray
-from truth import Case, Cloud, draw
+from truth import Case, Cloud, draw, parser
 
 from o3d_sofnn import learning, pipeline
 from o3d_sofnn._kernels import KdTree, fit_scales
@@ -41,12 +39,9 @@ ANY = 1e3
 
 def main() -> int:
     """Print both tables."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("meshes", nargs="+", type=Path, help="closed meshes")
-    parser.add_argument("-n", type=int, default=20_000, help="points")
-    parser.add_argument("--noise", type=float, nargs="+", default=[0.0, 0.25, 0.5], help="percent")
-    parser.add_argument("--pairs", type=int, default=300, help="that on-line learning sees")
-    options = parser.parse_args()
+    found = parser(__doc__, noise=(0.0, 0.25, 0.5))
+    found.add_argument("--pairs", type=int, default=300, help="that on-line learning sees")
+    options = found.parse_args()
     names: list[str] = []
     table: list[list[float]] = []
     learned: list[Array] = []

@@ -7,12 +7,10 @@ Open3D's ``estimate_normals`` with 30 neighbours.
 
 from __future__ import annotations
 
-import argparse
 import sys
-from pathlib import Path
 
 import numpy as np
-from truth import Case, Cloud, draw
+from truth import DENSITIES, Case, Cloud, draw, parser
 
 from o3d_sofnn._kernels import KdTree, fit_scales
 from o3d_sofnn.pipeline import estimate_normals
@@ -25,13 +23,10 @@ PLACES = 20_000
 
 def main() -> int:
     """Print a line for each cloud."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("meshes", nargs="+", type=Path, help="closed meshes")
-    parser.add_argument("-n", type=int, default=20_000, help="points")
-    parser.add_argument("--noise", type=float, nargs="+", default=[0.0], help="%% of the diagonal")
-    parser.add_argument("--density", default="uniform", choices=["uniform", "gradient", "striped"])
-    parser.add_argument("--outliers", type=float, nargs="+", default=[0.0], help="%% of the points")
-    options = parser.parse_args()
+    found = parser(__doc__)
+    found.add_argument("--density", default="uniform", choices=DENSITIES)
+    found.add_argument("--outliers", type=float, nargs="+", default=[0.0], help="%% of the points")
+    options = found.parse_args()
     print("| cloud | ours | best k | over best k | plane | within 10° | flipped | outliers: F1 |")
     print("|---|---|---|---|---|---|---|---|")
     for noise in options.noise:

@@ -9,7 +9,6 @@ is sampled.
 from __future__ import annotations
 
 import argparse
-import csv
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -105,7 +104,7 @@ class Paper:
                 "offset_points": offsets,
             }
         )
-        _write(self.output / "figure2.csv", self.figure_2)
+        demo.write_csv(self.output / "figure2.csv", self.figure_2)
         print(f"  {offsets} offset points, {100 * offsets / n:.1f} % of the points")
 
     def compare(self, source: Input) -> None:
@@ -121,7 +120,7 @@ class Paper:
             ).get()
         surfaces["variational"] = self._variational(points, size)
         self.table_1.append(_row(source, points, surfaces))
-        _write(self.output / "table1.csv", self.table_1)
+        demo.write_csv(self.output / "table1.csv", self.table_1)
         paper_charts.figure_3(self.output / f"figure3_{source.name}.png", points, surfaces)
 
     def _variational(self, points: Array, size: float) -> Surface:
@@ -219,13 +218,6 @@ def _threads(environment: dict[str, str]) -> str:
 
 def _rms(errors: Array) -> float:
     return float(f"{np.sqrt(np.mean(errors**2)):.3g}")
-
-
-def _write(path: Path, rows: list[dict[str, Any]]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 def _arguments() -> argparse.Namespace:

@@ -5,14 +5,12 @@ The truth is the mesh that the points are drawn from.
 
 from __future__ import annotations
 
-import argparse
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from truth import Case, draw, read_closed
+from truth import Case, draw, parser, read_closed
 
 from o3d_sofnn.metrics import component_labels, euler_characteristic
 from o3d_sofnn.pipeline import reconstruct_surface
@@ -28,11 +26,7 @@ def shape(vertices: NDArray[Any], triangles: NDArray[Any]) -> tuple[int, int]:
 
 def main() -> int:
     """Print a line for each mesh and noise level."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("meshes", nargs="+", type=Path, help="closed meshes")
-    parser.add_argument("-n", type=int, default=100_000, help="points")
-    parser.add_argument("--noise", type=float, nargs="+", default=[0.0], help="%% of the diagonal")
-    options = parser.parse_args()
+    options = parser(__doc__, points=100_000).parse_args()
     print("| cloud | pieces | of the truth | genus | of the truth | triangles |")
     print("|---|---|---|---|---|---|")
     for file in options.meshes:

@@ -1,8 +1,10 @@
-"""Clouds drawn from a closed mesh: points, true normals and which points are no outliers."""
+"""Clouds drawn from a closed mesh, with true normals, and the options of demos that draw them."""
 
 from __future__ import annotations
 
+import argparse
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,9 @@ from numpy.typing import NDArray
 from o3d_sofnn import metrics
 
 Array = NDArray[Any]
+
+DENSITIES = ("uniform", "gradient", "striped", "patchy")
+"""How points may be spread; the last leaves out three balls of 4 % of the diagonal."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +34,8 @@ class Case:
         Standard deviation along each axis, in percent of the diagonal.
     outliers : float
         Points spread evenly over 1.2 x the bounding box, in percent of `n`.
-    density : {"uniform", "gradient", "striped", "patchy"}
-        Of the points; the last leaves out three balls of 4 % of the diagonal.
+    density : str
+        One of ``DENSITIES``.
     """
 
     file: Path
@@ -63,6 +68,34 @@ class Cloud:
     def angles(self, normals: Array) -> Array:
         """Angles between normals and the true ones at the inliers, in degrees."""
         return metrics.normal_angles(normals[self.inliers], self.normals[self.inliers])
+
+
+def parser(
+    description: str, points: int = 20_000, noise: Sequence[float] = (0.0,)
+) -> argparse.ArgumentParser:
+    """Return a parser with the meshes, ``-n`` and ``--noise``.
+
+    Parameters
+    ----------
+    description : str
+        The demo's docstring; its first line is shown.
+    points, noise
+        Defaults.
+    """
+    found = argparse.ArgumentParser(description=description.splitlines()[0])
+    found.add_argument("meshes", nargs="+", type=Path, metavar="MESH", help="closed meshes")
+    found.add_argument(
+        "-n", type=int, default=points, metavar="N", help="points (default: %(default)s)"
+    )
+    found.add_argument(
+        "--noise",
+        type=float,
+        nargs="+",
+        default=list(noise),
+        metavar="P",
+        help="in %% of the diagonal (default: %(default)s)",
+    )
+    return found
 
 
 def read_closed(file: Path) -> tuple[Array, Array]:

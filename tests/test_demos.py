@@ -297,3 +297,18 @@ def test_topology_of_a_ball(run: Run, ball: Path) -> None:
     done = run("topology", ball, "-n", 2000, "--noise", 0, 1)
     for line, noise in zip(done.stdout.splitlines()[2:], ["0", "1"], strict=True):
         assert line.startswith(f"| {ball.stem}, {noise} % | 1 | 1 | 0 | 0 | ")
+
+
+def test_scans_are_measured_and_a_missing_one_loses_only_itself(
+    run: Run, ball: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    done = run("scans", tmp_path / "missing.ply", ball, "--out", out)
+    assert done.returncode == 1
+    assert "missing.ply'" in done.stdout
+    (row,) = read_csv(out / "scans.csv")
+    vertices = len(o3d.io.read_triangle_mesh(str(ball)).vertices)
+    assert (row["file"], row["points"], row["pieces"]) == ("ball.ply", str(vertices), "1")
+    assert row["closed"] == "yes"
+    assert 0.0 < float(row["distance"]) < 0.1  # percent of the diagonal
+    assert f"| ball.ply | {vertices} | {float(row['seconds']):.1f} |" in done.stdout
