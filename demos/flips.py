@@ -55,6 +55,13 @@ class Surface:
         )
         return found["points"].numpy() + self._middle, found["primitive_normals"].numpy()
 
+    def holds(self, places: Array) -> NDArray[np.bool_]:
+        """Say which places lie inside."""
+        found = self._scene.compute_occupancy(
+            self._tensor((places - self._middle).astype(np.float32))
+        )
+        return np.asarray(found.numpy() > 0.5)
+
     def next_sheet(self, feet: Array, normals: Array) -> Array:
         """Return the distance of the next sheet, behind or in front, of points on the surface."""
         nearest = np.full(len(feet), np.inf)

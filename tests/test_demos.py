@@ -312,3 +312,21 @@ def test_scans_are_measured_and_a_missing_one_loses_only_itself(
     assert row["closed"] == "yes"
     assert 0.0 < float(row["distance"]) < 0.1  # percent of the diagonal
     assert f"| ball.ply | {vertices} | {float(row['seconds']):.1f} |" in done.stdout
+
+
+def test_pieces_and_handles_that_the_truth_does_not_have(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(DEMOS))
+    from flips import Surface
+    from topology import wrong_places
+
+    shapes = [o3d.geometry.TriangleMesh.create_torus(1.0, 0.2, 60, 40)]
+    shapes.append(o3d.geometry.TriangleMesh.create_sphere(0.5).translate((0.0, 0.0, 1.0)))
+    (ring, turns), (ball, facets) = (
+        (np.asarray(shape.vertices), np.asarray(shape.triangles)) for shape in shapes
+    )
+    assert list(wrong_places(ring, turns, Surface(ring, turns), 1, 0.05)) == []
+    both = np.vstack([ring, ball]), np.vstack([turns, facets + len(ring)]).astype(np.int32)
+    (_, stray), (what, loop) = wrong_places(*both, Surface(ball, facets), 1, 0.05)
+    assert len(stray) == len(ball)
+    assert what == "bridge"
+    assert np.ptp(loop, axis=0).max() < 0.5  # around the ring, not along it
