@@ -19,7 +19,7 @@ COARSE, FINE = (1.5, 3.0), (0.7, 2.3)
 """Smoothing width at first and at last: so many distances of representatives, and so many standard
 deviations of the noise, as legs of a right angle. Less of it and the noise decides, more and thin
 parts vanish."""
-REGION, SAMPLED = 300, 16
+REGION, SAMPLED = 300, 32
 """Representatives whose median says how far apart they are in a region: walls closer together than
 that keep their width, sparse regions get a wider one. One representative of so many asks."""
 BLUR = 3.8

@@ -12,8 +12,9 @@ from .vectors import unit
 
 Array = NDArray[np.float64]
 
-OPENING = 0.35
-"""Opening angle of the tree code: a node is summed at its centre when it looks smaller."""
+OPENING = 0.6
+"""Opening angle of the tree code: a node is summed by its moments when it looks smaller. To first
+order, 0.6 errs as little as 0.3 does to order zero, at half the cost."""
 ROUNDS, STEPS, SOLVED = 2, 10, 0.01
 """Rounds of conjugate gradients, steps in each, and share of the first gradient that ends them
 sooner: shells in shells and walls around many cavities need that many. Many more learn the noise,

@@ -23,7 +23,7 @@ enum class Sum { winding, gradient, adjoint };  // gradient: with the winding nu
 struct WindingLists {
   int64_t size = 0;
   std::vector<Run3> runs;
-  std::vector<std::vector<SourceRange>> ranges;  // of each run
+  std::vector<RunSources> sources;  // of each run
 };
 
 class WindingTree {
@@ -64,14 +64,14 @@ class WindingTree {
   // Order in which consecutive points lie close together.
   const std::vector<int64_t>& order() const { return index_; }
 
-  // What is summed at m places; a node that looks smaller than theta from a whole run is summed at its centre.
+  // What is summed at m places; a node that looks smaller than theta from a whole run is summed by its moments.
   WindingLists lists(const double* places, int64_t m, double theta, int threads) const {
     WindingLists lists;
-    lists.size = m, lists.runs.resize((m + kRun - 1) / kRun), lists.ranges.resize(lists.runs.size());
+    lists.size = m, lists.runs.resize((m + kRun - 1) / kRun), lists.sources.resize(lists.runs.size());
     parallel_for(static_cast<int64_t>(lists.runs.size()), kRuns, threads, [&](int64_t first, int64_t last) {
       for (int64_t r = first; r < last; ++r) {
         lists.runs[r] = load_run(places, kRun * r, m);
-        walk(lists.runs[r], static_cast<float>(1 / theta), lists.ranges[r]);
+        walk(lists.runs[r], static_cast<float>(1 / theta), lists.sources[r]);
       }
     });
     return lists;
@@ -80,24 +80,24 @@ class WindingTree {
   // source: mu (n, 3), or for the adjoint the charge (n); width (m), out (m) at the places of the lists.
   void evaluate(Sum what, const double* source, const WindingLists& lists, const double* width, int threads,
                 WindingSums* out) const {
-    const std::vector<float> moments = sum_moments(source, what == Sum::adjoint ? 1 : 3, threads);
+    const Moments moments = what == Sum::adjoint ? moments_of<1>(source, threads) : moments_of<3>(source, threads);
     parallel_for(static_cast<int64_t>(lists.runs.size()), kRuns, threads, [&](int64_t first, int64_t last) {
       for (int64_t r = first; r < last; ++r)
-        evaluate_run(what, moments, lists.runs[r], lists.ranges[r], kRun * r, lists.size, width, out);
+        evaluate_run(what, moments, lists.runs[r], lists.sources[r], kRun * r, lists.size, width, out);
     });
   }
 
   // The same at places that are asked for once: lists are not kept.
   void evaluate(Sum what, const double* source, const double* places, const double* width, int64_t m, double theta,
                 int threads, WindingSums* out) const {
-    const std::vector<float> moments = sum_moments(source, what == Sum::adjoint ? 1 : 3, threads);
+    const Moments moments = what == Sum::adjoint ? moments_of<1>(source, threads) : moments_of<3>(source, threads);
     parallel_for((m + kRun - 1) / kRun, kRuns, threads, [&](int64_t first, int64_t last) {
-      std::vector<SourceRange> ranges;
+      RunSources sources;
       for (int64_t r = first; r < last; ++r) {
         const Run3 run = load_run(places, kRun * r, m);
-        ranges.clear();
-        walk(run, static_cast<float>(1 / theta), ranges);
-        evaluate_run(what, moments, run, ranges, kRun * r, m, width, out);
+        sources.nodes.clear(), sources.points.clear();
+        walk(run, static_cast<float>(1 / theta), sources);
+        evaluate_run(what, moments, run, sources, kRun * r, m, width, out);
       }
     });
   }
@@ -143,21 +143,49 @@ class WindingTree {
     });
   }
 
-  // Sources in the order of the tree and their sums over nodes.
-  std::vector<float> sum_moments(const double* source, int columns, int threads) const {
-    std::vector<float> sums(columns * (nodes_ + n_), 0.0f);
+  // Sources in the order of the tree, and moments of nodes.
+  struct Moments {
+    std::vector<float> nodes, points;
+  };
+
+  // Dipoles with three columns, charges with one.
+  template <int kColumns>
+  Moments moments_of(const double* source, int threads) const {
+    constexpr int kTerms = kColumns == 3 ? kDipole : kCharge;
+    Moments sums{std::vector<float>(kTerms * nodes_, 0.0f), std::vector<float>(kColumns * n_)};
+    const auto add = [&](int64_t node, const Vec3& offset, const float* part) {
+      float* sum = &sums.nodes[kTerms * node];
+      for (int d = 0; d < kColumns; ++d) sum[d] += part[d];
+      const float e[3] = {static_cast<float>(offset.x), static_cast<float>(offset.y), static_cast<float>(offset.z)};
+      if constexpr (kColumns == 1) {
+        for (int d = 0; d < 3; ++d) sum[1 + d] += part[0] * e[d];
+      } else {
+        float* second = sum + 3;
+        for (int i = 0; i < 3; ++i)
+          for (int j = i; j < 3; ++j) *second++ += 0.5f * (e[i] * part[j] + e[j] * part[i]);
+      }
+    };
     const int64_t first_leaf = nodes_ / 2;
     parallel_for(first_leaf + 1, kChunk / kRun, threads, [&](int64_t first, int64_t last) {
       for (int64_t leaf = first; leaf < last; ++leaf)
-        for (int64_t j = bound(leaf, depth_); j < bound(leaf + 1, depth_); ++j)
-          for (int d = 0; d < columns; ++d) {
-            const float part = static_cast<float>(source[columns * index_[j] + d]);
-            sums[columns * (nodes_ + j) + d] = part, sums[columns * (first_leaf + leaf) + d] += part;
-          }
+        for (int64_t j = bound(leaf, depth_); j < bound(leaf + 1, depth_); ++j) {
+          float* part = &sums.points[kColumns * j];
+          for (int d = 0; d < kColumns; ++d) part[d] = static_cast<float>(source[kColumns * index_[j] + d]);
+          add(first_leaf + leaf, place(nodes_ + j) - place(first_leaf + leaf), part);
+        }
     });
     for (int64_t node = first_leaf - 1; node >= 0; --node)
-      for (int d = 0; d < columns; ++d)
-        sums[columns * node + d] = sums[columns * (2 * node + 1) + d] + sums[columns * (2 * node + 2) + d];
+      for (int64_t child = 2 * node + 1; child <= 2 * node + 2; ++child) {
+        const float* part = &sums.nodes[kTerms * child];
+        add(node, place(child) - place(node), part);
+        for (int d = kColumns; d < kTerms; ++d) sums.nodes[kTerms * node + d] += part[d];
+      }
+    if constexpr (kColumns == 3)
+      for (int64_t node = 0; node < nodes_; ++node) {
+        float* second = &sums.nodes[kTerms * node + 3];
+        const float mean = (second[0] + second[3] + second[5]) / 3;
+        second[0] -= mean, second[3] -= mean, second[5] -= mean;
+      }
     return sums;
   }
 
@@ -171,7 +199,7 @@ class WindingTree {
     return run;
   }
 
-  void walk(const Run3& run, float inverse_theta, std::vector<SourceRange>& ranges) const {
+  void walk(const Run3& run, float inverse_theta, RunSources& sources) const {
     float c[3] = {0, 0, 0}, radius = 0;
     for (int l = 0; l < kRun; ++l) c[0] += run.x.v[l] / kRun, c[1] += run.y.v[l] / kRun, c[2] += run.z.v[l] / kRun;
     for (int l = 0; l < kRun; ++l) {
@@ -179,7 +207,7 @@ class WindingTree {
       radius = std::max(radius, dx * dx + dy * dy + dz * dz);
     }
     radius = std::sqrt(radius);
-    const auto add = [&](int64_t first, int64_t last) {
+    const auto add = [](std::vector<SourceRange>& ranges, int64_t first, int64_t last) {
       if (first == last) return;
       if (!ranges.empty() && ranges.back().last == first)
         ranges.back().last = static_cast<int32_t>(last);
@@ -194,17 +222,16 @@ class WindingTree {
       const float dx = place_[3 * node] - c[0], dy = place_[3 * node + 1] - c[1], dz = place_[3 * node + 2] - c[2];
       const float reach = radius + radius_[node] * inverse_theta;
       if (dx * dx + dy * dy + dz * dz > reach * reach)
-        add(node, node + 1);
+        add(sources.nodes, node, node + 1);
       else if (node < first_leaf)
         stack[top++] = 2 * node + 2, stack[top++] = 2 * node + 1;
       else
-        add(nodes_ + bound(node - first_leaf, depth_), nodes_ + bound(node - first_leaf + 1, depth_));
+        add(sources.points, bound(node - first_leaf, depth_), bound(node - first_leaf + 1, depth_));
     }
   }
 
-  void evaluate_run(Sum what, const std::vector<float>& moments, const Run3& run,
-                    const std::vector<SourceRange>& ranges, int64_t first, int64_t m, const double* width,
-                    WindingSums* out) const {
+  void evaluate_run(Sum what, const Moments& moments, const Run3& run, const RunSources& sources, int64_t first,
+                    int64_t m, const double* width, WindingSums* out) const {
     constexpr float kInverse4Pi = 0.07957747154594767f;
     RunValues sq_width;
     for (int64_t l = 0; l < kRun; ++l) {
@@ -213,7 +240,8 @@ class WindingTree {
     }
     RunSums sums{};
     const auto sum = what == Sum::winding ? sum_winding : what == Sum::gradient ? sum_gradient : sum_adjoint;
-    sum(place_.data(), moments.data(), ranges.data(), static_cast<int64_t>(ranges.size()), run, sq_width, sums);
+    sum(place_.data() + 3 * nodes_, moments.nodes.data(), place_.data(), moments.points.data(), sources, run, sq_width,
+        sums);
     for (int64_t l = 0; l < std::min<int64_t>(kRun, m - first); ++l)
       out[first + l] = {kInverse4Pi * sums.winding.v[l],
                         {kInverse4Pi * sums.vector.x.v[l], kInverse4Pi * sums.vector.y.v[l],
