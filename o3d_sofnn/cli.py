@@ -4,28 +4,37 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
 import logging
 import sys
-import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+from o3d_sofnn import commands
 from o3d_sofnn.compare import command
-from o3d_sofnn.progress import Progress, make_progress, rescale
+from o3d_sofnn.progress import make_progress
 
 FAILURE = 1
 BAD_INPUT = 2
 INTERRUPTED = 130  # what a shell reports for a program that Ctrl-C ended
 
-# Share of the progress that reading takes, and where writing starts.
-_READ_DONE = 0.05
-_WRITE_STARTS = 0.95
-
 _EXIT_CODES = """\
 exit codes: 0 done, 2 bad input or options, 1 other failures (a full disk), 130 Ctrl-C.
 OUT is written whole or not at all."""
+_NORMALS = """\
+Write the points of IN with oriented normals to OUT. Normals face outward, those of open sheets to
+the side from which they look convex, or as --viewpoint or --towards say. No option is needed."""
+_NORMALS_FILES = """\
+IN: ply pcd npz xyz xyzn xyzrgb pts las laz, the vertices of obj off stl gltf glb fbx.
+OUT: ply pcd xyz xyzn npz las laz; points and their order are those of IN.
+"""
+_RECONSTRUCT = """\
+Write a closed mesh through the points of IN to OUT. Normals in IN are not needed. For terrain,
+rooms and other open surfaces add --trim auto. No option is needed."""
+_RECONSTRUCT_FILES = """\
+IN: ply pcd npz xyz xyzn xyzrgb pts las laz, the vertices of obj off stl gltf glb fbx.
+OUT: ply obj (with vertex normals, and colours where IN has them), off (with colours), stl.
+"""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -47,120 +56,31 @@ def main(argv: Sequence[str] | None = None) -> int:
         with contextlib.closing(make_progress(args.progress)) as progress:
             if args.command == "compare":
                 return command.run(args, progress)
-            report = _run(args, progress)
-        _write_report(report, args.json)
+            report = commands.run(args, progress)
+        commands.write_report(report, args.json)
     except KeyboardInterrupt:
         return _complain(INTERRUPTED, "interrupted")
     except ValueError as error:
-        return _complain(BAD_INPUT, str(error))
+        return _complain(BAD_INPUT, _as_typed(str(error), args))
     except MemoryError:
         return _complain(FAILURE, "not enough memory")
-    except (OSError, ImportError, RuntimeError) as error:
+    except OSError as error:
+        known = error.filename is not None and error.strerror is not None
+        return _complain(FAILURE, f"{error.filename}: {error.strerror}" if known else str(error))
+    except (ImportError, RuntimeError) as error:
         return _complain(FAILURE, str(error))
     return 0
 
 
-def _run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Read, compute, write; return the report."""
-    started = time.perf_counter()
-    progress(0.0, "load")
-    # Imported here: --help and bad options answer at once, and Ctrl-C during the import is caught.
-    from o3d_sofnn import adapters, io, operators, validation
-
-    reconstruct = args.command == "reconstruct"
-    io.check_output(args.output, io.MESH_OUTPUTS if reconstruct else io.CLOUD_OUTPUTS)
-    if args.json not in (None, "-"):
-        io.check_output(args.json, ())
-    search_param = adapters.make_search_param(args.max_nn, args.radius)
-
-    progress(0.0, "read")
-    seconds: dict[str, float] = {}
-    with _timed(seconds, "read"):
-        cloud = _read(args.input)
-    options = {
-        "search_param": search_param,
-        "n_threads": args.threads,
-        "print_progress": rescale(progress, _READ_DONE, _WRITE_STARTS),
-        "return_details": True,
-    }
-    if reconstruct:
-        result, details = operators.reconstruct_surface(
-            cloud,
-            depth=args.depth,
-            voxel_size=args.voxel_size,
-            use_normals=args.use_normals,
-            trim=args.trim,
-            target_triangles=args.target_triangles,
-            **options,
-        )
-    else:
-        result, details = operators.estimate_normals(
-            cloud, viewpoint=args.viewpoint, towards=args.towards, **options
-        )
-    progress(_WRITE_STARTS, "write")
-    with _timed(seconds, "write"):
-        if reconstruct:
-            io.write_triangle_mesh(args.output, result)
-        else:
-            io.write_point_cloud(args.output, result, template=args.input)
-    progress(1.0, "done")
-    normals = details.normals if reconstruct else details
-    # In the details a point without finite coordinates counts as an outlier too.
-    not_finite = int((~validation.finite_rows(adapters.read_cloud(cloud).points)).sum())
-    report = {
-        "command": args.command,
-        "input": str(args.input),
-        "output": str(args.output),
-        "points": len(normals.normals),
-        "not_finite": not_finite,
-        "outliers": int(normals.outliers.sum()) - not_finite,
-        "rules": len(normals.rules.centers),
-        "noise_level": float(normals.noise_level),
-        "spacing": float(normals.spacing),
-        "warnings": list(normals.warnings),
-    }
-    if reconstruct:
-        report |= {
-            "vertices": len(details.vertices),
-            "triangles": len(details.triangles),
-            "watertight": bool(details.watertight),
-        }
-    stages = {"read": seconds["read"], **details.seconds, "write": seconds["write"]}
-    stages["total"] = time.perf_counter() - started
-    report["seconds"] = {name: round(value, 4) for name, value in stages.items()}
-    return report
-
-
-def _read(path: Path) -> Any:
-    """Read the input; what is wrong with it is bad input, not a failure of the machine."""
-    from o3d_sofnn import io
-
-    try:
-        cloud = io.read_point_cloud(path)
-    except OSError as error:
-        raise ValueError(f"{path}: not readable: {error.strerror or error}") from error
-    if cloud.is_empty():
-        raise ValueError(f"{path}: expected points, got none")
-    return cloud
-
-
-def _write_report(report: dict[str, Any], destination: str | None) -> None:
-    text = json.dumps(report, indent=2, allow_nan=False) + "\n"
-    if destination == "-":
-        sys.stdout.write(text)
-        sys.stdout.flush()
-    elif destination is not None:
-        from o3d_sofnn import io
-
-        with io.open_atomic(destination) as stream:
-            stream.write(text.encode())
-
-
-@contextlib.contextmanager
-def _timed(seconds: dict[str, float], name: str) -> Iterator[None]:
-    started = time.perf_counter()
-    yield
-    seconds[name] = time.perf_counter() - started
+def _as_typed(message: str, args: argparse.Namespace) -> str:
+    """Let a message name what was typed: an option of the shell, or the file of the points."""
+    name, _, rest = message.partition(": ")
+    if name == "pcd":
+        return f"{args.input}: {rest}"
+    if message.startswith("points "):
+        return f"{args.input}: {message}"
+    option = name.removeprefix("n_")
+    return f"--{option.replace('_', '-')}: {rest}" if option in vars(args) else message
 
 
 def _complain(code: int, message: str) -> int:
@@ -197,7 +117,12 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     common = _common_options()
     normals = commands.add_parser(
-        "normals", parents=[common], help="write the points of IN with normals to OUT"
+        "normals",
+        parents=[common],
+        help="write the points of IN with normals to OUT",
+        description=_NORMALS,
+        epilog=_NORMALS_FILES + _EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     side = normals.add_mutually_exclusive_group()
     side.add_argument(
@@ -215,7 +140,12 @@ def _parser() -> argparse.ArgumentParser:
         help="a direction that normals face: 0 0 1 for terrain",
     )
     mesh = commands.add_parser(
-        "reconstruct", parents=[common], help="write a watertight mesh through the points to OUT"
+        "reconstruct",
+        parents=[common],
+        help="write a watertight mesh through the points to OUT",
+        description=_RECONSTRUCT,
+        epilog=_RECONSTRUCT_FILES + _EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     resolution = mesh.add_mutually_exclusive_group()
     resolution.add_argument(
@@ -249,7 +179,12 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _number_or_auto(text: str) -> float | str:
-    return text if text == "auto" else float(text)
+    try:
+        return text if text == "auto" else float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"expected a number from 0 to 1 or auto, got {text!r}"
+        ) from None
 
 
 def _add_progress(parser: argparse.ArgumentParser) -> None:

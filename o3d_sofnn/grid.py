@@ -49,7 +49,9 @@ class AdaptiveGrid:
         low, high = bounds(points)
         cells = float((high - low).max()) / size
         if not cells < 2 ** (BITS - 2) - 2**10:
-            raise ValueError(f"voxel_size is too small: {cells:.3g} cubes along one axis")
+            raise ValueError(
+                f"voxel_size: expected at most 5e5 cubes along one side, got {cells:.3g}"
+            )
         self.size = size
         self.top = max(int(np.log2(max(cells / COARSEST, 1.0))), int(levels.max()))
         self.low = low - MARGIN * size

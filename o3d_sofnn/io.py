@@ -209,7 +209,8 @@ def _create_beside(target: Path) -> tuple[BinaryIO, Path]:
 
 def _rename_in_message(error: OSError, target: Path) -> None:
     """Let the message name the file that the user asked for, not the temporary one or none."""
-    error.filename, error.filename2 = str(target), None
+    error.filename = str(target)
+    del error.filename2  # None would be a second name
 
 
 def _check_suffix(path: Path, endings: Collection[str]) -> str:

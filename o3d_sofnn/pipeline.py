@@ -125,11 +125,11 @@ def reconstruct_surface(
     ------
     ValueError
         `points` has fewer than 4 rows, or they are all equal, on one line, or (without `trim`) in
-        one plane; `voxel_size` asks for more than a million cubes along one side.
+        one plane; `voxel_size` asks for more than 500,000 cubes along one side.
     """
     threads = thread_count(n_threads)
     clock = Clock(progress)
-    if trim is None and affine_rank(points) < 3:
+    if trim is None and affine_rank(points) == 2:
         raise ValueError("points lie in one plane and enclose nothing: give trim to get a sheet")
     learned = learn_rules(points, normals, max_nn, radius, None, None, threads, clock, shipped())
     estimate, facing, residual = _infer(learned, threads, clock)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 import os
 import re
 import tempfile
@@ -16,10 +17,13 @@ from numpy.typing import NDArray
 
 from o3d_sofnn import adapters
 
+_logger = logging.getLogger(__name__)
+
 # Open3D's tensor readers keep the file's number types and its further attributes; for text files
 # they round to single precision, where the legacy readers keep double.
 _TENSOR_FORMATS = frozenset({".ply", ".pcd", ".npz"})
 _LEGACY_FORMATS = frozenset({".xyz", ".xyzn", ".xyzrgb", ".pts"})
+_LINE_FORMATS = frozenset({".xyz", ".xyzn", ".xyzrgb"})
 _MESH_FORMATS = frozenset({".obj", ".off", ".stl", ".gltf", ".glb", ".fbx"})
 FORMATS = _TENSOR_FORMATS | _LEGACY_FORMATS | _MESH_FORMATS
 
@@ -42,7 +46,10 @@ def read_with_open3d(path: Path) -> Any:
     ValueError
         Open3D cannot read the file, or not to its end.
     """
-    return _without_complaint(path, lambda: _read(path))
+    cloud = _without_complaint(path, lambda: _read(path))
+    if path.suffix.lower() in _LINE_FORMATS:
+        _miss_lines(path, len(cloud.point["positions"]))
+    return cloud
 
 
 def read_triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -95,6 +102,25 @@ def _without_complaint(path: Path, read: Callable[[], Any]) -> Any:
     if re.search("failed|unable to", complaint, re.IGNORECASE):
         raise ValueError(f"{path}: not readable: {complaint}")
     return result
+
+
+def _miss_lines(path: Path, count: int) -> None:
+    """Say so when lines of a file with one point a line were skipped, as Open3D does silently.
+
+    Raises
+    ------
+    ValueError
+        There are lines, but no points.
+    """
+    with path.open("rb") as stream:
+        lines = (line for line in stream if line.strip() and not line.startswith(b"#"))
+        first = next(lines, b"")[:60].decode(errors="replace").strip()
+        total = bool(first) + sum(1 for _ in lines)
+    if total and not count:
+        raise ValueError(f"{path}: expected lines 'x y z' with blanks in between, got {first!r}")
+    if total > count:
+        lost = total - count
+        _logger.warning("%s: %d of %d lines are no points and were left out", path, lost, total)
 
 
 def _one_line(text: str) -> str:

@@ -207,6 +207,7 @@ def test_a_bar_on_request(tmp_path, scan, capfd):
         ["normals", "a.ply", "b.ply", "--depth", "7"],
         ["normals", "a.ply", "b.ply", "--viewpoint", "1", "2"],
         ["reconstruct", "a.ply", "b.ply", "--depth", "deep"],
+        ["reconstruct", "a.ply", "b.ply", "--trim", "much"],
         ["reconstruct", "a.ply", "b.ply", "--depth", "7", "--voxel-size", "1"],
         ["normals", "a.ply", "b.ply", "--viewpoint", *"123", "--towards", *"123"],
     ],
@@ -230,7 +231,7 @@ def test_options_out_of_range_are_one_line_and_code_2(tmp_path, scan, capfd, opt
     assert cli.main(arguments) == cli.BAD_INPUT
     out, err = capfd.readouterr()
     assert out == ""
-    assert re.match(r"o3d-sofnn: error: .*expected .*got", err)
+    assert re.match(rf"o3d-sofnn: error: {options[0]}: expected .*got", err)
     assert list(tmp_path.iterdir()) == [scan]
 
 
@@ -239,7 +240,8 @@ def test_points_without_extent_are_one_line_and_code_2(tmp_path, capfd, command)
     (tmp_path / "scan.xyz").write_text("1 2 3\n" * 50)
     arguments = [command, str(tmp_path / "scan.xyz"), str(tmp_path / "out.ply")]
     assert cli.main(arguments) == cli.BAD_INPUT
-    assert capfd.readouterr().err.startswith("o3d-sofnn: error: points")
+    err = capfd.readouterr().err
+    assert err.startswith(f"o3d-sofnn: error: {tmp_path / 'scan.xyz'}: points are all equal")
 
 
 def test_version_and_help(tmp_path):
