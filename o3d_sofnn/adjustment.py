@@ -1,4 +1,3 @@
-# SPDX-License-Identifier: MIT
 """Adjustment of the parameters of the rules by the gradient of the squared error (section 3.2)."""
 
 from __future__ import annotations

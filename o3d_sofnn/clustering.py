@@ -1,4 +1,3 @@
-# SPDX-License-Identifier: MIT
 """Typical data by fuzzy c-means: section 3.1 of the paper, equations (1) to (6)."""
 
 from __future__ import annotations

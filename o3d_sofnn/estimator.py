@@ -1,4 +1,3 @@
-# SPDX-License-Identifier: MIT
 """The scikit-learn protocol for a regressor, without importing scikit-learn."""
 
 from __future__ import annotations

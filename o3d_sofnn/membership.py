@@ -1,4 +1,3 @@
-# SPDX-License-Identifier: MIT
 """Elliptical basis neurons and their inference: equations (7), (8), (9) and (11) of the paper."""
 
 from __future__ import annotations

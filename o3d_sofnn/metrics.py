@@ -1,4 +1,4 @@
-"""What a mesh is (closed, manifold ...) and how far two surfaces are apart: arrays in, numbers out.
+"""What a mesh is (closed, manifold ...) and how far normals are apart: arrays in, numbers out.
 
 Triangles are ``(f, 3)`` arrays of vertex indices, lengths are in the unit of the coordinates.
 """
@@ -140,25 +140,6 @@ def sample_surface(
     return points, normals[chosen] / areas[chosen, np.newaxis]
 
 
-def chamfer_distance(a: Points, b: Points) -> float:
-    """Return the mean distance to the nearest point of the other set, averaged over both ways."""
-    there, back = _nearest(a, b)
-    return float(there.mean() + back.mean()) / 2.0
-
-
-def hausdorff_distance(a: Points, b: Points) -> float:
-    """Return the largest distance from a point of either set to the nearest of the other."""
-    there, back = _nearest(a, b)
-    return float(max(there.max(), back.max()))
-
-
-def f_score(a: Points, b: Points, threshold: float) -> float:
-    """Return the harmonic mean of the shares of each set within ``threshold`` of the other."""
-    there, back = _nearest(a, b)
-    precision, recall = float((there <= threshold).mean()), float((back <= threshold).mean())
-    return 2.0 * precision * recall / (precision + recall) if precision + recall > 0 else 0.0
-
-
 def flipped_fraction(normals: Points, reference: Points) -> float:
     """Return the share of ``normals`` more than a right angle away from ``reference``."""
     return float((np.einsum("ij,ij->i", normals, reference) <= 0).mean())
@@ -208,9 +189,3 @@ def area_vectors(vertices: Points, triangles: Triangles) -> NDArray[np.float64]:
     """Return vectors along the triangles' normals, as long as their areas."""
     a, b, c = _corners(vertices, triangles)
     return np.asarray(np.cross(b - a, c - a) / 2.0, dtype=np.float64)
-
-
-def _nearest(a: Points, b: Points) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    from scipy.spatial import cKDTree  # slow to import, and the operators do without it
-
-    return cKDTree(b).query(a)[0], cKDTree(a).query(b)[0]

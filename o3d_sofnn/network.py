@@ -1,4 +1,3 @@
-# SPDX-License-Identifier: MIT
 """The self-organized fuzzy neural network as a regressor: section 3 of the paper."""
 
 from __future__ import annotations

@@ -1,4 +1,3 @@
-# SPDX-License-Identifier: MIT
 """Off-line learning: typical data, then rules from coarse to fine (section 3.1 of the paper)."""
 
 from __future__ import annotations

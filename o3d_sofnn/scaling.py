@@ -1,4 +1,3 @@
-# SPDX-License-Identifier: MIT
 """Standardised units: rules are learnt in them, and kept and shown in the user's."""
 
 from __future__ import annotations

@@ -1,4 +1,3 @@
-# SPDX-License-Identifier: MIT
 """Structure learning: generation and combination of neurons, section 3.2 of the paper."""
 
 from __future__ import annotations

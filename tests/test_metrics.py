@@ -131,16 +131,6 @@ def test_samples_lie_on_the_surface_and_are_even():
     assert np.array_equal(points, again)
 
 
-def test_distances_between_two_sets():
-    a = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    b = np.array([[0.0, 0.0, 0.5], [1.0, 0.0, 0.0], [4.0, 0.0, 0.0]])
-    assert metrics.chamfer_distance(a, b) == pytest.approx((0.25 + 3.5 / 3) / 2)
-    assert metrics.hausdorff_distance(a, b) == 3.0
-    assert metrics.f_score(a, b, 0.5) == pytest.approx(2 * 1.0 * (2 / 3) / (1 + 2 / 3))
-    assert metrics.f_score(a, b + 100.0, 0.5) == 0.0
-    assert metrics.chamfer_distance(a, a) == 0.0
-
-
 def test_angles_and_flips():
     up = np.array([[0.0, 0.0, 1.0]] * 3)
     tilt = np.radians(1e-6)
