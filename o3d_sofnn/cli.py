@@ -29,8 +29,8 @@ IN: ply pcd npz xyz xyzn xyzrgb pts las laz, the vertices of obj off stl gltf gl
 OUT: ply pcd xyz xyzn npz las laz; points and their order are those of IN.
 """
 _RECONSTRUCT = """\
-Write a closed mesh through the points of IN to OUT. Normals in IN are not needed. For terrain,
-rooms and other open surfaces add --trim auto. No option is needed."""
+Write a closed mesh through the points of IN to OUT. Normals in IN are not needed. For rooms and
+other open surfaces add --trim auto, for terrain also --towards 0 0 1. No option is needed."""
 _RECONSTRUCT_FILES = """\
 IN: ply pcd npz xyz xyzn xyzrgb pts las laz, the vertices of obj off stl gltf glb fbx.
 OUT: ply obj (with vertex normals, and colours where IN has them), off (with colours), stl.
@@ -124,21 +124,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog=_NORMALS_FILES + _EXIT_CODES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    side = normals.add_mutually_exclusive_group()
-    side.add_argument(
-        "--viewpoint",
-        nargs=3,
-        type=float,
-        metavar=("X", "Y", "Z"),
-        help="the scanner's position: normals face it",
-    )
-    side.add_argument(
-        "--towards",
-        nargs=3,
-        type=float,
-        metavar=("X", "Y", "Z"),
-        help="a direction that normals face: 0 0 1 for terrain",
-    )
+    _add_side(normals)
     mesh = commands.add_parser(
         "reconstruct",
         parents=[common],
@@ -163,7 +149,7 @@ def _parser() -> argparse.ArgumentParser:
     mesh.add_argument(
         "--target-triangles", type=int, metavar="N", help="decimate to N triangles, still closed"
     )
-    mesh.add_argument(
+    _add_side(mesh).add_argument(
         "--use-normals", action="store_true", help="take the sides from the normals in IN"
     )
     compare = commands.add_parser(
@@ -176,6 +162,25 @@ def _parser() -> argparse.ArgumentParser:
     command.add_options(compare)
     _add_progress(compare)
     return parser
+
+
+def _add_side(command: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGroup:
+    side = command.add_mutually_exclusive_group()
+    side.add_argument(
+        "--viewpoint",
+        nargs=3,
+        type=float,
+        metavar=("X", "Y", "Z"),
+        help="the scanner's position: everything faces it",
+    )
+    side.add_argument(
+        "--towards",
+        nargs=3,
+        type=float,
+        metavar=("X", "Y", "Z"),
+        help="a direction that every piece faces: 0 0 1 for terrain, its solid is below",
+    )
+    return side
 
 
 def _number_or_auto(text: str) -> float | str:

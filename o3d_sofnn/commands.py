@@ -57,6 +57,8 @@ def run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         "n_threads": args.threads,
         "print_progress": rescale(progress, _READ_DONE, _WRITE_STARTS),
         "return_details": True,
+        "viewpoint": args.viewpoint,
+        "towards": args.towards,
     }
     progress(0.0, "read")
     seconds: dict[str, float] = {}
@@ -107,9 +109,7 @@ def _read(path: Path) -> Any:
 def _normals(cloud: Any, args: argparse.Namespace, options: dict[str, Any]) -> Any:
     from o3d_sofnn import operators
 
-    return operators.estimate_normals(
-        cloud, viewpoint=args.viewpoint, towards=args.towards, **options
-    )
+    return operators.estimate_normals(cloud, **options)
 
 
 def _reconstruct(cloud: Any, args: argparse.Namespace, options: dict[str, Any]) -> Any:

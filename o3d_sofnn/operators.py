@@ -6,20 +6,18 @@ They adapt clouds and options; the stages of the method are in `o3d_sofnn.pipeli
 from __future__ import annotations
 
 import contextlib
-import dataclasses
-import functools
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any, Literal
 
 import numpy as np
-import scipy.sparse
 from numpy.typing import ArrayLike, NDArray
 
 from o3d_sofnn import adapters, pipeline, validation
 from o3d_sofnn.attributes import carry
 from o3d_sofnn.pipeline import NormalEstimate, SurfaceEstimate
 from o3d_sofnn.progress import ProgressBar, ProgressCallback
+from o3d_sofnn.scattering import left_out, scatter_normals, scatter_surface
 
 _logger = logging.getLogger(__name__)
 
@@ -97,16 +95,14 @@ def estimate_normals(
             _rows(cloud.points, finite),
             max_nn=max_nn,
             radius=radius,
-            viewpoint=viewpoint
-            if viewpoint is None or viewpoint.ndim == 1
-            else _rows(viewpoint, finite),
+            viewpoint=_seen_from(viewpoint, finite),
             towards=towards,
             n_threads=n_threads,
             progress=progress,
         )
     for warning in estimate.warnings:
         _logger.warning(warning)
-    details = _scatter_normals(estimate, finite)
+    details = scatter_normals(estimate, finite)
     adapters.write_normals(pcd, details.normals)
     return (pcd, details) if return_details else pcd
 
@@ -117,6 +113,8 @@ def reconstruct_surface(
     depth: int | None = None,
     voxel_size: float | None = None,
     use_normals: bool = False,
+    viewpoint: ArrayLike | None = None,
+    towards: ArrayLike | None = None,
     trim: float | Literal["auto"] | None = None,
     target_triangles: int | None = None,
     search_param: Any = None,
@@ -137,6 +135,10 @@ def reconstruct_surface(
         Resolution: side of a cell, in the cloud's unit. At most one of ``depth``, ``voxel_size``.
     use_normals : bool, default False
         Take the sides of the surface from the cloud's own normals. False ignores them.
+    viewpoint, towards : array_like, optional
+        As in :func:`estimate_normals`: the surface faces where the scanner stood, or its pieces
+        face a direction, (0, 0, 1) for terrain with its solid below. At most one of
+        ``use_normals``, ``viewpoint`` and ``towards``.
     trim : float or "auto", optional
         For open surfaces, terrain, scenes seen from inside: cut away what has a confidence (0 to 1)
         below this, along a smooth border. "auto" cuts at 0.5, but leaves holes closed whose area is
@@ -174,6 +176,11 @@ def reconstruct_surface(
     cloud = adapters.read_cloud(pcd)
     max_nn, radius = adapters.read_search_param(search_param)
     validation.check_exclusive(depth=depth, voxel_size=voxel_size)
+    validation.check_exclusive(
+        use_normals=use_normals or None, viewpoint=viewpoint, towards=towards
+    )
+    viewpoint = validation.check_viewpoint(viewpoint, len(cloud.points), "viewpoint")
+    towards = validation.check_direction(towards, "towards")
     depth = validation.check_integer(depth, "depth", 1, validation.MAX_DEPTH)
     voxel_size = validation.check_positive(voxel_size, "voxel_size")
     trim = validation.check_trim(trim)
@@ -185,6 +192,8 @@ def reconstruct_surface(
         estimate = pipeline.reconstruct_surface(
             _rows(cloud.points, finite),
             normals=None if normals is None else _rows(normals, finite),
+            viewpoint=_seen_from(viewpoint, finite),
+            towards=towards,
             depth=depth,
             voxel_size=voxel_size,
             trim=trim,
@@ -194,7 +203,9 @@ def reconstruct_surface(
             n_threads=n_threads,
             progress=progress,
         )
-    details = _scatter_surface(estimate, finite)
+    for warning in estimate.normals.warnings:
+        _logger.warning(warning)
+    details = scatter_surface(estimate, finite)
     mesh = adapters.make_mesh(
         pcd,
         details.vertices,
@@ -223,13 +234,8 @@ def _finite_points(cloud: adapters.CloudArrays) -> NDArray[np.bool_]:
     validation.check_point_count(count, "pcd")
     validation.check_magnitude(_rows(cloud.points, finite), "pcd")
     if count < len(finite):
-        _logger.warning(_left_out(finite))
+        _logger.warning(left_out(finite))
     return finite
-
-
-def _left_out(finite: NDArray[np.bool_]) -> str:
-    bad = len(finite) - int(np.count_nonzero(finite))
-    return f"{bad} of {len(finite)} points are not finite (NaN or inf) and were left out"
 
 
 def _own_normals(cloud: adapters.CloudArrays, finite: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -243,45 +249,11 @@ def _own_normals(cloud: adapters.CloudArrays, finite: NDArray[np.bool_]) -> NDAr
     return cloud.normals
 
 
+def _seen_from(
+    viewpoint: NDArray[np.float64] | None, finite: NDArray[np.bool_]
+) -> NDArray[np.float64] | None:
+    return _rows(viewpoint, finite) if viewpoint is not None and viewpoint.ndim == 2 else viewpoint
+
+
 def _rows(array: NDArray[np.float64], mask: NDArray[np.bool_]) -> NDArray[np.float64]:
     return array if mask.all() else array[mask]
-
-
-def _scatter_normals(estimate: NormalEstimate, finite: NDArray[np.bool_]) -> NormalEstimate:
-    """Bring per-point arrays to the user's rows, those without finite coordinates included."""
-    if finite.all():
-        return estimate
-
-    def spread(values: NDArray[Any], missing: Any) -> NDArray[Any]:
-        full = np.full((len(finite), *values.shape[1:]), missing, dtype=values.dtype)
-        full[finite] = values
-        return full
-
-    return dataclasses.replace(
-        estimate,
-        normals=spread(estimate.normals, 0.0),
-        confidence=spread(estimate.confidence, 0.0),
-        outliers=spread(estimate.outliers, True),
-        noise=spread(estimate.noise, np.nan),
-        warnings=(*estimate.warnings, _left_out(finite)),
-    )
-
-
-def _scatter_surface(estimate: SurfaceEstimate, finite: NDArray[np.bool_]) -> SurfaceEstimate:
-    if finite.all():
-        return estimate
-    return dataclasses.replace(
-        estimate,
-        normals=_scatter_normals(estimate.normals, finite),
-        weigh=functools.partial(_scatter_weights, estimate.weigh, finite),
-    )
-
-
-def _scatter_weights(
-    weigh: Callable[[], scipy.sparse.csr_matrix], finite: NDArray[np.bool_]
-) -> scipy.sparse.csr_matrix:
-    weights = weigh()
-    return scipy.sparse.csr_matrix(
-        (weights.data, np.flatnonzero(finite)[weights.indices], weights.indptr),
-        shape=(weights.shape[0], len(finite)),
-    )

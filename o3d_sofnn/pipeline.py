@@ -72,9 +72,7 @@ def estimate_normals(
     learned = learn_rules(
         points, None, max_nn, radius, viewpoint, towards, threads, clock, shipped()
     )
-    estimate = _infer(learned, threads, clock)[0]
-    if viewpoint is not None:
-        estimate = replace(estimate, normals=turned_to(viewpoint, points, estimate.normals))
+    estimate = _facing(viewpoint, points, _infer(learned, threads, clock)[0])
     clock.finish()
     return estimate
 
@@ -83,6 +81,8 @@ def reconstruct_surface(
     points: Array,
     *,
     normals: Array | None = None,
+    viewpoint: Array | None = None,
+    towards: Array | None = None,
     depth: int | None = None,
     voxel_size: float | None = None,
     trim: float | Literal["auto"] | None = None,
@@ -100,7 +100,10 @@ def reconstruct_surface(
     points : (n, 3) float64
         Finite, at least 4, in any unit.
     normals : (n, 3) float64, optional
-        Known sides: the surface faces them. None finds the sides from the points.
+        Known sides: the surface faces them. None finds the sides from the points. At most one of
+        `normals`, `viewpoint` and `towards`.
+    viewpoint, towards
+        As in :func:`estimate_normals`: the surface faces the place, or its pieces the direction.
     depth : int, optional
         The longest side of the bounding box is divided into ``2**depth`` cubes.
     voxel_size : float, optional
@@ -131,7 +134,9 @@ def reconstruct_surface(
     clock = Clock(progress)
     if trim is None and affine_rank(points) == 2:
         raise ValueError("points lie in one plane and enclose nothing: give trim to get a sheet")
-    learned = learn_rules(points, normals, max_nn, radius, None, None, threads, clock, shipped())
+    learned = learn_rules(
+        points, normals, max_nn, radius, viewpoint, towards, threads, clock, shipped()
+    )
     estimate, facing, residual = _infer(learned, threads, clock)
     rules = learned.rules
 
@@ -172,7 +177,7 @@ def reconstruct_surface(
         vertex_normals=facing,
         confidence=confidence,
         weigh=partial(attribute_weights, vertices, distinct, inverse, size, threads),
-        normals=estimate,
+        normals=_facing(viewpoint, points, estimate),
         offset_points=surfaces.offset_points,
         voxel_size=voxel_size or size * extent,
         seconds=clock.seconds,
@@ -211,3 +216,10 @@ def _infer(learned: Learned, threads: int, clock: Clock) -> tuple[NormalEstimate
         warnings=learned.warnings,
     )
     return estimate, normals, residual
+
+
+def _facing(viewpoint: Array | None, points: Array, estimate: NormalEstimate) -> NormalEstimate:
+    """Turn every normal to the viewpoint, if there is one."""
+    if viewpoint is None:
+        return estimate
+    return replace(estimate, normals=turned_to(viewpoint, points, estimate.normals))

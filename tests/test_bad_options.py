@@ -79,9 +79,17 @@ def test_options_of_the_surface_out_of_range(make_cloud, options, name):
         ({"viewpoint": (0.0, 0.0, 1.0), "towards": (0.0, 0.0, 1.0)}, "viewpoint and towards"),
     ],
 )
-def test_options_of_the_normals_out_of_range(make_cloud, options, name):
-    with pytest.raises(ValueError, match=f"^{name}: expected .*got"):
-        o3d_sofnn.estimate_normals(make_cloud(shapes.sphere(100).points), **options)
+def test_options_of_the_sides_out_of_range(make_cloud, options, name):
+    for operator in (o3d_sofnn.estimate_normals, o3d_sofnn.reconstruct_surface):
+        with pytest.raises(ValueError, match=f"^{name}: expected .*got"):
+            operator(make_cloud(shapes.sphere(100).points), **options)
+
+
+def test_sides_come_from_one_place(make_cloud):
+    shape = shapes.sphere(100)
+    cloud = make_cloud(shape.points, normals=shape.normals)
+    with pytest.raises(ValueError, match=r"^use_normals and towards: expected"):
+        o3d_sofnn.reconstruct_surface(cloud, use_normals=True, towards=(0.0, 0.0, 1.0))
 
 
 @pytest.mark.parametrize("bad", [np.nan, 0.0])

@@ -94,6 +94,10 @@ def test_options_reach_the_functions(tmp_path, scan, monkeypatch):
     assert (mesh["search_param"].max_nn, mesh["search_param"].radius) == (40, 0.5)
     cli.main(["reconstruct", *common, "--voxel-size", "0.25"])
     assert seen["mesh"]["voxel_size"] == 0.25
+    cli.main(["reconstruct", *common, "--towards", "0", "0", "1"])
+    assert (seen["mesh"]["towards"], seen["mesh"]["viewpoint"]) == ([0.0, 0.0, 1.0], None)
+    cli.main(["reconstruct", *common, "--viewpoint", "1", "2", "3"])
+    assert seen["mesh"]["viewpoint"] == [1.0, 2.0, 3.0]
 
 
 def test_las_in_utm_coordinates(tmp_path):
@@ -210,6 +214,7 @@ def test_a_bar_on_request(tmp_path, scan, capfd):
         ["reconstruct", "a.ply", "b.ply", "--trim", "much"],
         ["reconstruct", "a.ply", "b.ply", "--depth", "7", "--voxel-size", "1"],
         ["normals", "a.ply", "b.ply", "--viewpoint", *"123", "--towards", *"123"],
+        ["reconstruct", "a.ply", "b.ply", "--use-normals", "--towards", *"123"],
     ],
 )
 def test_wrong_arguments_are_one_line_and_code_2(capfd, arguments):

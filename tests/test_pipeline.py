@@ -103,6 +103,22 @@ def test_viewpoint_and_direction():
 # --- surfaces
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("option", ["towards", "viewpoint"])
+def test_the_solid_of_terrain_is_on_the_side_that_was_asked_for(option, sign):
+    points = plane_patch(3000).points
+    points[:, 2] = 0.1 * np.sin(5.0 * points[:, 0]) * np.cos(4.0 * points[:, 1])
+    side = {option: np.array([0.0, 0.0, {"towards": 1.0, "viewpoint": 9.0}[option] * sign])}
+    sheet = reconstruct_surface(points, trim=0.5, **side)
+    area = metrics.area_vectors(sheet.vertices, sheet.triangles)
+    assert (sign * area[:, 2] > 0.0).mean() > 0.998
+    assert (sign * sheet.normals.normals[:, 2] > 0.0).all()
+    solid = reconstruct_surface(points, **side)
+    assert solid.watertight
+    # The data end at 0.1 on both sides; the solid goes on.
+    assert sign * (solid.vertices[:, 2].max() + solid.vertices[:, 2].min()) < -0.03
+
+
 @pytest.mark.parametrize("noise", [0.0, 0.005])
 @pytest.mark.parametrize("name", SHAPES)
 def test_surfaces(name, noise):
