@@ -21,7 +21,7 @@ from .rules import fit_rules, infer_normals
 from .scale import refine_scale
 from .typical_data import sides_around, typical_data
 from .validation import affine_rank
-from .vectors import bounds
+from .vectors import bounds, unit
 from .winding import orient_points, seen_from
 
 Array = NDArray[np.float64]
@@ -29,7 +29,29 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Learned:
-    """What both operators need: the rule base of a cloud moved and scaled into the unit cube."""
+    """What both operators need: the rule base of a cloud moved and scaled into the unit cube.
+
+    Attributes
+    ----------
+    points : (d, 3) float64
+        Distinct points in Morton order, in the unit cube as all that follows.
+    inverse : (n,) int64
+        Place of each point of the cloud among them.
+    tree : KdTree
+        Over the m inliers.
+    scale : Scale
+        Of the inliers.
+    inliers : (d,) bool
+        False for outliers.
+    sides : (m, 3) float64
+        Unit normals of the inliers, as the winding number or the caller has them.
+    rules : RuleBase
+        Oriented rules.
+    middle, extent : (3,) float64 and float
+        The cloud is ``extent * x + middle``.
+    warnings : tuple of str
+        What a user should look at.
+    """
 
     points: Array
     inverse: NDArray[np.int64]
@@ -54,7 +76,30 @@ def learn_rules(
     clock: Clock,
     experience: Experience | None,
 ) -> Learned:
-    """Stages 1 to 5: from points to oriented rules, with or without off-line rules."""
+    """Learn oriented rules from points: stages 1 to 5.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        Finite, in any unit.
+    normals, max_nn, radius, viewpoint, towards
+        As in :func:`pipeline.reconstruct_surface` and :func:`pipeline.estimate_normals`.
+    threads : int
+        Threads.
+    clock : Clock
+        Told the stages.
+    experience : Experience or None
+        Off-line rules.
+
+    Returns
+    -------
+    Learned
+
+    Raises
+    ------
+    ValueError
+        `points` has fewer than 4 rows, or they are all equal or on one line.
+    """
     if len(points) < 4:
         raise ValueError(f"points: at least 4 rows expected, got {len(points)}")
     if affine_rank(points) < 2:
@@ -68,19 +113,11 @@ def learn_rules(
         limit = None if radius is None else radius / extent
         inliers, clean, tree, scale = part_outliers(x, max_nn, limit, threads)
     with clock.stage("orientation"):
-        known = normals is not None or viewpoint is not None
-        if normals is None:
-            level, spacing = float(np.median(scale.noise)), float(np.median(scale.spacing))
-            sides = orient_points(clean, level, spacing, threads)
-        else:
-            sides = np.ascontiguousarray(normals[order][inliers])
-        if viewpoint is not None:
-            seen = order[inliers]
-            places = viewpoint[seen] if viewpoint.ndim == 2 else viewpoint
-            sides = seen_from(places, points[seen], sides)
+        sides = _find_sides(points, normals, viewpoint, order[inliers], clean, scale, threads)
         scale = refine_scale(clean, tree, scale, sides, max_nn, limit, threads)
     rules = _first_rules(clean, tree, scale, sides, threads, clock)
     with clock.stage("rules"):
+        known = normals is not None or viewpoint is not None
         warnings: tuple[str, ...] = ()
         if not known:
             rules, sides, warnings = settle(rules, sides, clean, towards, threads)
@@ -131,6 +168,27 @@ def learn_rules(
             )
             sides, tree = sides[near], KdTree(clean[near], threads)
     return Learned(x, inverse, tree, scale, inliers, sides, rules, middle, extent, warnings)
+
+
+def _find_sides(
+    points: Array,
+    normals: Array | None,
+    viewpoint: Array | None,
+    rows: NDArray[np.int64],
+    clean: Array,
+    scale: Scale,
+    threads: int,
+) -> Array:
+    """Give the inliers, `rows` of the cloud, unit normals: the caller's or the winding number's."""
+    if normals is None:
+        level, spacing = float(np.median(scale.noise)), float(np.median(scale.spacing))
+        sides = orient_points(clean, level, spacing, threads)
+    else:
+        sides = unit(normals[rows])
+    if viewpoint is None:
+        return sides
+    places = viewpoint[rows] if viewpoint.ndim == 2 else viewpoint
+    return seen_from(places, points[rows], sides)
 
 
 def _first_rules(

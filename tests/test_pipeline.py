@@ -255,3 +255,13 @@ def test_first_rules_are_found_and_timed_anew_without_outliers():
     assert [text for _, text in seen].count("typical data") == 2
     fractions = [done for done, _ in seen]
     assert fractions == sorted(fractions)
+
+
+def test_the_length_of_known_normals_does_not_matter():
+    shape = box(2000)
+    some = [
+        reconstruct_surface(shape.points, normals=length * shape.normals, voxel_size=0.05)
+        for length in (1.0, 2.0**-10)
+    ]
+    np.testing.assert_array_equal(some[0].vertices, some[1].vertices)
+    np.testing.assert_array_equal(some[0].triangles, some[1].triangles)
