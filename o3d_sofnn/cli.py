@@ -116,6 +116,13 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     common = _common_options()
+    _add_normals(commands, common)
+    _add_reconstruct(commands, common)
+    _add_compare(commands)
+    return parser
+
+
+def _add_normals(commands: Any, common: argparse.ArgumentParser) -> None:
     normals = commands.add_parser(
         "normals",
         parents=[common],
@@ -125,6 +132,9 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     _add_side(normals)
+
+
+def _add_reconstruct(commands: Any, common: argparse.ArgumentParser) -> None:
     mesh = commands.add_parser(
         "reconstruct",
         parents=[common],
@@ -152,6 +162,9 @@ def _parser() -> argparse.ArgumentParser:
     _add_side(mesh).add_argument(
         "--use-normals", action="store_true", help="take the sides from the normals in IN"
     )
+
+
+def _add_compare(commands: Any) -> None:
     compare = commands.add_parser(
         "compare",
         help="compare with Open3D's and MeshLab's reconstructions",
@@ -161,11 +174,10 @@ def _parser() -> argparse.ArgumentParser:
     compare.add_argument("input", type=Path, nargs="+", metavar="IN", help="scans, closed meshes")
     command.add_options(compare)
     _add_progress(compare)
-    return parser
 
 
-def _add_side(command: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGroup:
-    side = command.add_mutually_exclusive_group()
+def _add_side(parser: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGroup:
+    side = parser.add_mutually_exclusive_group()
     side.add_argument(
         "--viewpoint",
         nargs=3,

@@ -17,7 +17,7 @@ import shapes
 from report_page import Page, read_csv
 
 from o3d_sofnn import cli, metrics
-from o3d_sofnn.compare import cases, charts, isolated, measure, peers, report
+from o3d_sofnn.compare import cases, charts, command, isolated, measure, peers, report
 from o3d_sofnn.compare.measure import FIGURES
 
 o3d = pytest.importorskip("open3d")
@@ -308,8 +308,9 @@ def test_a_method_without_its_library_says_what_to_type(monkeypatch):
         evaluate.evaluate(case, "meshlab_poisson", 100, 100)
 
 
-def test_methods_have_titles_and_colours():
+def test_methods_have_titles_and_colours_and_are_in_the_help():
     from o3d_sofnn.compare.evaluate import METHODS as ALL
 
     assert set(report.TITLES) == {"", "input", *ALL}
     assert len(charts.COLORS) == len(ALL)
+    assert set(ALL) <= set(re.findall(r"\w+", command.TEXT))

@@ -18,7 +18,9 @@ Run this package and its peers (Open3D's and MeshLab's reconstructions) on every
 DIR/report.html, DIR/results.csv and pictures. A closed mesh is taken for the truth: points are
 drawn from it, with and without noise, and results are measured against it. Everything else is a
 scan.
-The peers of MeshLab need: pip install pymeshlab."""
+METHOD is one of ours, open3d_poisson, open3d_ball_pivoting, open3d_alpha_shape, meshlab_poisson,
+meshlab_ball_pivoting, meshlab_rimls, meshlab_apss, meshlab_sofnn; those of MeshLab need:
+pip install pymeshlab."""
 
 UP = {"x": ((-0.45, 0.6, 1.0), (1.0, 0.0, 0.0)), "y": ((0.5, 0.4, 1.0), (0.0, 1.0, 0.0))}
 UP |= {"z": ((0.6, -1.0, 0.45), (0.0, 0.0, 1.0))}
