@@ -93,7 +93,7 @@ def surface_of_cloud(
     use_normals = options.pop("use_normals")
     _check_options(options)
     kept, points = _finite_points(cloud)
-    normals = _unit_normals(cloud.normals, kept) if use_normals else None
+    normals = _own_normals(cloud.normals, kept) if use_normals else None
     estimate = pipeline.reconstruct_surface(points, normals=normals, progress=progress, **options)
     colors = None
     if cloud.colors is not None:
@@ -175,19 +175,20 @@ def _finite_points(cloud: Cloud) -> tuple[NDArray[np.bool_], NDArray[np.float64]
     return kept, validation.check_points(points)
 
 
-def _unit_normals(normals: NDArray[np.float64] | None, kept: NDArray[np.bool_]) -> Any:
+def _own_normals(
+    normals: NDArray[np.float64] | None, kept: NDArray[np.bool_]
+) -> NDArray[np.float64]:
     if normals is None:
         raise ValueError("use_normals: expected a layer with vertex normals, got none")
     normals = normals[kept]
-    length = np.linalg.norm(normals, axis=1)
     # MeshLab gives every new vertex the normal (0, 0, 0).
-    missing = int(len(length) - np.count_nonzero(length > 0))
+    missing = int(np.count_nonzero(~normals.any(axis=1)))
     if missing:
         raise ValueError(
-            f"use_normals: expected a normal at every vertex, got {missing} of {len(length)} "
+            f"use_normals: expected a normal at every vertex, got {missing} of {len(normals)} "
             "vertices without; compute normals first or leave use_normals off"
         )
-    return normals / length[:, None]
+    return normals
 
 
 def _summary(estimate: Any, ignored: int) -> dict[str, Any]:
