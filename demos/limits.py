@@ -90,7 +90,7 @@ def count(points: Array, run: pipeline.SurfaceEstimate) -> dict[str, Work]:
     pilots = float(PILOTS * SCALES.sum())
     fits = fitted * (SEARCH + FIT + PASSES)
     infer = Work(n * 3.7 * POINT, n * RULES * RULE)
-    unknowns = len(representatives(points, 0.0))
+    unknowns = len(representatives(points, 0.0)[0])
     winding = SUMS * unknowns * SOURCES * PAIR
     # Corners of the cubes around the surface: twice as many as vertices, which are evaluated again.
     corners = 2.0 * vertices

@@ -56,18 +56,19 @@ def orient_points(
     (n, 3) float64
         Unit normals; on an open sheet without a preferred side either one.
     """
-    x = representatives(points, noise / spacing)
+    x, stands = representatives(points, noise / spacing)
     tree = KdTree(x, n_threads)
     distance = regional_spacing(x, tree, n_threads)
     coarse, fine = (np.hypot(a * distance, b * noise) for a, b in (COARSE, FINE))
     mu = winding_number_normals(x, distance**2, coarse, fine, n_threads)
     sources = WindingTree(x, np.linalg.norm(mu, axis=1))
-    nearest = tree.query(points, 1, np.inf, n_threads)[1][:, 0]
-    width = np.maximum(fine, BLUR * noise)[nearest]
+    width = np.maximum(fine, BLUR * noise)[stands]
     return unit(np.asarray(sources.gradient(mu, points, width, OPENING, n_threads)[1]))
 
 
-def representatives(points: NDArray[np.float64], thickness: float) -> NDArray[np.float64]:
+def representatives(
+    points: NDArray[np.float64], thickness: float
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Combine points that lie close together, or choose some of them from a thick layer.
 
     Parameters
@@ -79,18 +80,24 @@ def representatives(points: NDArray[np.float64], thickness: float) -> NDArray[np
 
     Returns
     -------
-    (m, 3) float64
+    places : (m, 3) float64
         Means over the leaves of an octree, or points, in Morton order: half of 20,000 points, a
         fortieth of a million.
+    stands : (n,) int64
+        Which of them stands for each point: that of its leaf, or one close in Morton order.
     """
-    capacity = int((len(points) / CROWD) ** 0.9)
+    n = len(points)
+    capacity = int((n / CROWD) ** 0.9)
     if capacity < 2:
-        return points
+        return points, np.arange(n)
     cells = build_octree(points, capacity)
     count = np.diff(cells.offsets)
     if thickness > LAYER:
-        return points[np.linspace(0, len(points) - 1, len(count)).astype(np.int64)]
-    return np.asarray(np.add.reduceat(cells.points, cells.offsets[:-1]) / count[:, None])
+        rows = np.linspace(0, n - 1, len(count)).astype(np.int64)
+        return points[rows], np.searchsorted(rows, np.arange(n))
+    stands = np.empty(n, np.int64)
+    stands[cells.order] = np.repeat(np.arange(len(count)), count)
+    return np.add.reduceat(cells.points, cells.offsets[:-1]) / count[:, None], stands
 
 
 def regional_spacing(x: NDArray[np.float64], tree: KdTree, n_threads: int) -> NDArray[np.float64]:

@@ -69,18 +69,23 @@ def test_winding_number_normals_are_outward_and_weighted_by_area():
 
 def test_few_representatives_stand_for_many_points():
     points = sphere(40_000).points
-    places = representatives(points, 0.0)
+    places, stands = representatives(points, 0.0)
     assert len(points) / 8 < len(places) < len(points) / 2
     assert np.abs(np.linalg.norm(places, axis=1) - 1.0).max() < 0.01
+    count = np.bincount(stands, minlength=len(places))
+    means = np.stack([np.bincount(stands, column) / count for column in points.T], axis=1)
+    np.testing.assert_allclose(places, means, atol=1e-12)
     few = sphere(50).points
-    assert representatives(few, 0.0) is few
+    assert representatives(few, 0.0)[0] is few
 
 
 def test_representatives_of_a_thick_layer_are_some_of_its_points():
     points = sphere(40_000).points
-    places = representatives(points, 9.0)
-    assert len(places) == len(representatives(points, 0.0))
+    points = points[sort_unique(points)[0]]
+    places, stands = representatives(points, 9.0)
+    assert len(places) == len(representatives(points, 0.0)[0])
     # In the same order, evenly spread.
     rows = KdTree(points, 1).query(places, 1, np.inf, 1)[1][:, 0]
     np.testing.assert_array_equal(points[rows], places)
     assert np.ptp(np.diff(rows)) <= 1
+    assert np.abs(rows[stands] - np.arange(len(points))).max() <= np.diff(rows).max()
