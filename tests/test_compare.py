@@ -16,8 +16,8 @@ import pytest
 import shapes
 from report_page import Page, read_csv
 
-from o3d_sofnn import cli, metrics
-from o3d_sofnn.compare import cases, charts, command, isolated, measure, peers, report
+from o3d_sofnn import cli
+from o3d_sofnn.compare import isolated
 from o3d_sofnn.compare.measure import FIGURES
 
 o3d = pytest.importorskip("open3d")
@@ -256,61 +256,3 @@ def test_bad_options_are_one_line_and_code_2(inputs, tmp_path, capfd, options, m
     err = capfd.readouterr().err
     assert message in err
     assert err.count("\n") == 1
-
-
-def test_a_closed_mesh_is_a_model_with_outward_triangles(tmp_path):
-    ball = o3d.geometry.TriangleMesh.create_sphere(1.0, 8)
-    ball.triangles = o3d.utility.Vector3iVector(np.asarray(ball.triangles)[:, ::-1])
-    o3d.io.write_triangle_mesh(str(tmp_path / "ball.stl"), ball.compute_triangle_normals())
-    model = cases.read(tmp_path / "ball.stl")
-    assert isinstance(model, cases.Model)
-    assert metrics.signed_volume(model.vertices, model.triangles) > 0
-    assert isinstance(cases.read(tmp_path / "ball.stl", clouds_only=True), np.ndarray)
-    sheet = o3d.geometry.TriangleMesh(ball)
-    sheet.triangles = o3d.utility.Vector3iVector(np.asarray(ball.triangles)[:-4])
-    o3d.io.write_triangle_mesh(str(tmp_path / "sheet.ply"), sheet)
-    assert isinstance(cases.read(tmp_path / "sheet.ply"), np.ndarray)
-
-
-def test_inputs_of_the_same_name_are_told_apart(tmp_path):
-    files = [tmp_path / "a" / "scan.ply", tmp_path / "b" / "scan.ply", tmp_path / "scan.xyz"]
-    named = cases.sources(files, cases.View(), clouds_only=False)
-    assert [source.name for source in named] == ["scan", "scan~2", "scan~3"]
-
-
-def test_figures_of_a_known_mesh():
-    ball = o3d.geometry.TriangleMesh.create_sphere(1.0, 40)
-    vertices, triangles = np.asarray(ball.vertices), np.asarray(ball.triangles)
-    outward = vertices / np.linalg.norm(vertices, axis=1, keepdims=True)
-    truth = measure.Truth(vertices, triangles, outward)
-    larger = peers.Mesh(1.01 * vertices, triangles, -outward)
-    found = measure.figures(vertices, larger, truth, 20_000)
-    unit = 1e-3 * np.linalg.norm(np.ptp(vertices, axis=0))
-    assert found["chamfer"] == pytest.approx(0.01 / unit, rel=0.01)
-    assert found["input_mean"] == pytest.approx(0.01 / unit, rel=0.01)
-    assert (found["holes"], found["components"], found["watertight"]) == (0, 1, 1)
-    assert found["normal_consistency"] == pytest.approx(1.0, abs=0.01)
-    assert found["flipped"] == 100.0
-    assert found["f_score"] == 0.0  # 2.9 thousandths off, the threshold is 2
-    opened = peers.Mesh(vertices, triangles[:-5], outward)
-    assert measure.figures(vertices, opened, truth, 1000)["holes"] >= 1
-
-
-def test_a_method_without_its_library_says_what_to_type(monkeypatch):
-    pytest.importorskip("meshlab_sofnn", reason="the filters are not on the path")
-    from o3d_sofnn.compare import evaluate
-
-    for name in [name for name in sys.modules if name.startswith("meshlab_sofnn")]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "pymeshlab", None)
-    case = cases.Case("ring", shapes.torus(100).points)
-    with pytest.raises(RuntimeError, match="pip install pymeshlab"):
-        evaluate.evaluate(case, "meshlab_poisson", 100, 100)
-
-
-def test_methods_have_titles_and_colours_and_are_in_the_help():
-    from o3d_sofnn.compare.evaluate import METHODS as ALL
-
-    assert set(report.TITLES) == {"", "input", *ALL}
-    assert len(charts.COLORS) == len(ALL)
-    assert set(ALL) <= set(re.findall(r"\w+", command.TEXT))

@@ -14,6 +14,8 @@ Row = dict[str, Any]
 WIDTH, HEIGHT = 460, 320
 LEFT, RIGHT, TOP, BOTTOM = 62, 14, 14, 46
 """Margins around the plotted area."""
+LABEL = 50
+"""Least distance of labels under it."""
 COLORS = (
     *("#c22f2f", "#1f6fb2", "#2f9e6e", "#8a63c9", "#c9791a"),
     *("#5f7480", "#b8508f", "#6f7d1c", "#7a4a3a"),
@@ -90,14 +92,16 @@ def series(chart: Chart, rows: Sequence[Row]) -> dict[str, list[tuple[float, flo
     """Return for every method the medians of y over the rows of equal x, x ascending.
 
     For charts over noise only those inputs and sizes count that have several levels of noise. For
-    charts over size the input with the most sizes counts: others would have points in between.
+    charts over size the input with the most sizes counts, if it has several: others would have
+    points in between.
     """
     rows = [row for row in rows if chart.takes(row)]
     if chart.x == "points":
         sizes: dict[Any, set[int]] = {}
         for row in rows:
             sizes.setdefault(row["input"], set()).add(row["points"])
-        most = max(sizes, key=lambda name: len(sizes[name]), default=None)
+        several = {name: counts for name, counts in sizes.items() if len(counts) > 1}
+        most = max(several, key=lambda name: len(several[name]), default=None)
         rows = [row for row in rows if row["input"] == most]
     if chart.x == "noise":
         levels: dict[tuple[Any, Any], set[float]] = {}
@@ -131,13 +135,18 @@ def draw(chart: Chart, rows: Sequence[Row], methods: Sequence[str], titles: dict
         f'<svg class="chart" id="{chart.name}" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" '
         f'aria-label="{html.escape(chart.title)}">'
     ]
+    free = -math.inf
     for value in across.ticks():
         x = across(value)
         parts.append(
             f'<line class="grid" x1="{x:.1f}" x2="{x:.1f}" y1="{TOP}" y2="{HEIGHT - BOTTOM}"/>'
-            f'<text x="{x:.1f}" y="{HEIGHT - BOTTOM + 16}" text-anchor="middle">{_short(value)}'
-            "</text>"
         )
+        if x - free >= LABEL:
+            free = x
+            parts.append(
+                f'<text x="{x:.1f}" y="{HEIGHT - BOTTOM + 16}" text-anchor="middle">'
+                f"{_short(value)}</text>"
+            )
     for value in up.ticks():
         y = up(value)
         parts.append(

@@ -37,6 +37,8 @@ WORST = 0.01
 """Error that is drawn darkest, in parts of the diagonal."""
 DOTS = 6_000
 """Most points that a pane shows."""
+AROUND = 6
+"""Neighbours of a point of a scan within which the surface is taken for supported by it."""
 WIDTH, HEIGHT = 440, 380
 """Of a picture, in pixels."""
 
@@ -145,7 +147,7 @@ def _load(module: str) -> Any:
 
 
 def _look(case: Case, mesh: Mesh, triangles: int) -> Look:
-    errors = _errors(case, mesh.vertices)
+    errors = surface_errors(case, mesh.vertices)
     frame = _frame(case)
     surface = raster.draw_mesh(
         frame, mesh.vertices, mesh.triangles, colors.heat_colors(errors, 1.0)
@@ -168,10 +170,17 @@ def _look(case: Case, mesh: Mesh, triangles: int) -> Look:
     )
 
 
-def _errors(case: Case, vertices: Array) -> Array:
-    """Return the distances of vertices from the truth, or from the nearest point without one."""
+def surface_errors(case: Case, vertices: Array) -> Array:
+    """Return the distances of vertices from the truth, or without one from the data.
+
+    Methods put vertices between the points or on them: what counts is how much farther the nearest
+    point is than its neighbours are from it.
+    """
     if case.truth is None:
-        distance = cKDTree(case.points).query(vertices)[0]
+        tree = cKDTree(case.points)
+        away, nearest = tree.query(vertices)
+        usual = tree.query(case.points, min(AROUND + 1, len(case.points)))[0][:, -1]
+        distance = np.maximum(away - usual[nearest], 0.0)
     else:
         distance = measure.distances(vertices, case.truth.vertices, case.truth.triangles)[0]
     diagonal = float(np.linalg.norm(np.ptp(case.points, axis=0)))

@@ -106,6 +106,7 @@ def write(path: Path, rows: list[Row], scenes: list[Scene], note: str = "") -> N
             f'<span class="m{list(METHODS).index(method)}">{html.escape(TITLES[method])}</span>'
             for method in methods
         ),
+        "no_charts": "" if any(drawn.values()) else " hidden",
         "charts": "".join(
             f"<figure><figcaption>{html.escape(chart.title)}</figcaption>{svg}</figure>"
             for chart, svg in drawn.items()

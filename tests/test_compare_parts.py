@@ -1,0 +1,103 @@
+"""What is compared and measured: inputs, figures, colours and charts, one function at a time."""
+
+from __future__ import annotations
+
+import re
+import sys
+
+import numpy as np
+import pytest
+import shapes
+
+from o3d_sofnn import metrics
+from o3d_sofnn.compare import cases, charts, command, measure, peers, report
+
+o3d = pytest.importorskip("open3d")
+
+
+def test_a_closed_mesh_is_a_model_with_outward_triangles(tmp_path):
+    ball = o3d.geometry.TriangleMesh.create_sphere(1.0, 8)
+    ball.triangles = o3d.utility.Vector3iVector(np.asarray(ball.triangles)[:, ::-1])
+    o3d.io.write_triangle_mesh(str(tmp_path / "ball.stl"), ball.compute_triangle_normals())
+    model = cases.read(tmp_path / "ball.stl")
+    assert isinstance(model, cases.Model)
+    assert metrics.signed_volume(model.vertices, model.triangles) > 0
+    assert isinstance(cases.read(tmp_path / "ball.stl", clouds_only=True), np.ndarray)
+    sheet = o3d.geometry.TriangleMesh(ball)
+    sheet.triangles = o3d.utility.Vector3iVector(np.asarray(ball.triangles)[:-4])
+    o3d.io.write_triangle_mesh(str(tmp_path / "sheet.ply"), sheet)
+    assert isinstance(cases.read(tmp_path / "sheet.ply"), np.ndarray)
+
+
+def test_inputs_of_the_same_name_are_told_apart(tmp_path):
+    files = [tmp_path / "a" / "scan.ply", tmp_path / "b" / "scan.ply", tmp_path / "scan.xyz"]
+    named = cases.sources(files, cases.View(), clouds_only=False)
+    assert [source.name for source in named] == ["scan", "scan~2", "scan~3"]
+
+
+def test_figures_of_a_known_mesh():
+    ball = o3d.geometry.TriangleMesh.create_sphere(1.0, 40)
+    vertices, triangles = np.asarray(ball.vertices), np.asarray(ball.triangles)
+    outward = vertices / np.linalg.norm(vertices, axis=1, keepdims=True)
+    truth = measure.Truth(vertices, triangles, outward)
+    larger = peers.Mesh(1.01 * vertices, triangles, -outward)
+    found = measure.figures(vertices, larger, truth, 20_000)
+    unit = 1e-3 * np.linalg.norm(np.ptp(vertices, axis=0))
+    assert found["chamfer"] == pytest.approx(0.01 / unit, rel=0.01)
+    assert found["input_mean"] == pytest.approx(0.01 / unit, rel=0.01)
+    assert (found["holes"], found["components"], found["watertight"]) == (0, 1, 1)
+    assert found["normal_consistency"] == pytest.approx(1.0, abs=0.01)
+    assert found["flipped"] == 100.0
+    assert found["f_score"] == 0.0  # 2.9 thousandths off, the threshold is 2
+    opened = peers.Mesh(vertices, triangles[:-5], outward)
+    assert measure.figures(vertices, opened, truth, 1000)["holes"] >= 1
+
+
+def test_errors_on_a_scan_begin_beyond_the_neighbours():
+    from o3d_sofnn.compare.evaluate import WORST, surface_errors
+
+    side = np.linspace(0.0, 1.0, 21)
+    points = np.stack(np.meshgrid(side, side, [0.0]), axis=-1).reshape(-1, 3)
+    places = np.array([[0.525, 0.525, 0.0], [0.5, 0.5, 0.0], [0.5, 0.5, 0.08], [0.5, 0.5, 1.0]])
+    found = surface_errors(cases.Case("sheet", points), places)
+    usual = 0.05 * np.sqrt(2.0)  # to the sixth neighbour of a grid
+    np.testing.assert_allclose(found, [0, 0, (0.08 - usual) / (WORST * np.sqrt(2.0)), 1])
+
+
+def row_of(name, points, seconds):
+    return {"input": name, "method": "ours", "error": "", "noise": None} | {
+        "points": points,
+        "seconds": seconds,
+    }
+
+
+def test_time_over_size_needs_several_sizes_of_one_input():
+    (chart,) = [chart for chart in charts.CHARTS if chart.name == "time-size"]
+    rows = [row_of("a", 5000, 1.0), row_of("b", 9000, 2.0)]
+    assert charts.draw(chart, rows, ["ours"], report.TITLES) == ""
+    rows.append(row_of("b", 20000, 4.0))
+    drawn = charts.draw(chart, rows, ["ours"], report.TITLES)
+    assert re.findall(r'data-x="(\d+)', drawn) == ["9000", "20000"]
+    labels = [float(x) for x in re.findall(r'<text x="([\d.]+)" y="290', drawn)]
+    assert len(labels) > 1
+    assert (np.diff(labels) >= charts.LABEL).all()
+
+
+def test_a_method_without_its_library_says_what_to_type(monkeypatch):
+    pytest.importorskip("meshlab_sofnn", reason="the filters are not on the path")
+    from o3d_sofnn.compare import evaluate
+
+    for name in [name for name in sys.modules if name.startswith("meshlab_sofnn")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "pymeshlab", None)
+    case = cases.Case("ring", shapes.torus(100).points)
+    with pytest.raises(RuntimeError, match="pip install pymeshlab"):
+        evaluate.evaluate(case, "meshlab_poisson", 100, 100)
+
+
+def test_methods_have_titles_and_colours_and_are_in_the_help():
+    from o3d_sofnn.compare.evaluate import METHODS as ALL
+
+    assert set(report.TITLES) == {"", "input", *ALL}
+    assert len(charts.COLORS) == len(ALL)
+    assert set(ALL) <= set(re.findall(r"\w+", command.TEXT))
