@@ -68,7 +68,8 @@ class Field:
     ) -> None:
         self.rules = rules
         self.surfaces = surfaces
-        self._reach = 1.0 + (NOISY_REACH - 1.0) * float(np.median(rules.noisiness))
+        self.noisiness = float(np.median(rules.noisiness))
+        self._reach = 1.0 + (NOISY_REACH - 1.0) * self.noisiness
         self._samples = _kernels.KdTree(samples, n_threads)
         self._spacing = spacing
         self.n_threads = n_threads

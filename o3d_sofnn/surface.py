@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from .chords import balance_chords
 from .decimation import decimate
 from .field import Evaluate, Field
 from .grid import AdaptiveGrid
@@ -66,6 +67,8 @@ def mesh(
         vertices = vertices[used]
     vertices, confidence = relax(vertices, triangles, implicit)
     vertices = sharpen(vertices, triangles, implicit)
+    # What noise leaves of roughness is no curvature.
+    vertices = balance_chords(vertices, triangles, 1.0 - implicit.noisiness)
     vertices, triangles, source = open_handles(vertices, triangles, implicit.spacing_at)
     confidence = confidence[source]
     if trim is not None:
