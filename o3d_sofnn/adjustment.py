@@ -52,6 +52,15 @@ def solve_consequents(neurons: Neurons, x: Array, y: Array, noise: float = 0.0) 
 
     The output is linear in the consequents, so this is where gradient descent on them ends.
     A ridge (see `ridge_for`) settles what the data leaves open.
+
+    Parameters
+    ----------
+    neurons : Neurons
+        The rules; of their consequents only the shape counts.
+    x, y : (n, d) and (n, m) arrays
+        Standardised data.
+    noise : float, default 0
+        Standard deviation of the noise of `y`.
     """
     gram, moment = normal_equations(neurons, x, y)
     coefficients = _solve(gram, moment, ridge_for(len(x), noise))
@@ -67,6 +76,24 @@ def reduced_error(
 
     At the best consequents the derivative by them is zero, so the derivative of the reduced
     error by centres and widths is the plain one (variable projection, Golub and Pereyra 1973).
+
+    Parameters
+    ----------
+    neurons : Neurons
+        The rules; of their consequents only the shape counts.
+    x, y : (n, d) and (n, m) arrays
+        Standardised data.
+    ridge : float
+        Weight of the squared consequents.
+
+    Returns
+    -------
+    error : float
+        Half the squared error, and half the ridge.
+    neurons : Neurons
+        The rules with the best consequents.
+    gradient : Gradient
+        By centres and logarithms of widths.
     """
     u = offsets(x, neurons.centers, neurons.widths)
     basis = fuzzy_basis(log_firing(u))
@@ -140,7 +167,8 @@ def adjust(neurons: Neurons, x: Array, y: Array, noise: float, max_iter: int) ->
 def description_length(neurons: Neurons, x: Array, y: Array, resolution: float) -> float:
     """Weigh error against size: the Bayesian information criterion per row; lower is better.
 
-    Errors below `resolution` count as none, so that no rule is kept to remove them.
+    Errors below `resolution`, in standardised units, count as none, so that no rule is kept to
+    remove them; `x` (n, d) and `y` (n, m) are standardised data.
     """
     error = float(np.mean(np.sum((infer(x, neurons) - y) ** 2, axis=1)))
     size = neurons.coefficients.size + neurons.centers.size + neurons.widths.size

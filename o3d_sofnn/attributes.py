@@ -56,7 +56,20 @@ def attribute_weights(
 def carry(
     details: SurfaceEstimate, attributes: Mapping[str, NDArray[Any]]
 ) -> dict[str, NDArray[Any]]:
-    """Bring values per point to the vertices, in their number type."""
+    """Bring values per point to the vertices, in their number type.
+
+    Parameters
+    ----------
+    details : SurfaceEstimate
+        Of n points, with m vertices.
+    attributes : mapping of str to (n, ...) array
+        Colours and floating-point values are blended; of others (labels) that of the point with the
+        largest weight is taken.
+
+    Returns
+    -------
+    dict of str to (m, ...) array
+    """
     if not attributes:
         return {}
     weights = details.source_weights

@@ -64,7 +64,17 @@ def noise_level(x: Array, y: Array) -> float:
     """Estimate the standard deviation of the noise of `y`, summed over outputs.
 
     The median error of predicting a row from a linear fit to its nearest neighbours, freed of
-    the error of the fit itself. Zero when there are too few rows to tell.
+    the error of the fit itself.
+
+    Parameters
+    ----------
+    x, y : (n, d) and (n, m) arrays
+        Standardised data.
+
+    Returns
+    -------
+    float
+        Zero when there are too few rows to tell.
     """
     n, d = x.shape
     n_neighbors = 2 * (d + 1) + 2
@@ -94,6 +104,22 @@ def typical_data(
 
     The metric of equation (1) weighs outputs by the trust they deserve: with noise far above
     the spacing of the centres, rows with equal inputs belong together whatever their outputs.
+
+    Parameters
+    ----------
+    x, y : (n, d) and (n, m) arrays
+        Standardised data.
+    noise : float
+        Standard deviation of the noise of `y`.
+    options : LearningOptions
+        Settings.
+    rng : Generator
+        Chooses rows and first centres.
+
+    Returns
+    -------
+    TypicalData
+        The data themselves where there are too few to be reduced.
     """
     n, d = x.shape
     n_typical = options.n_typical or min(n // 3, _MOST_TYPICAL)
@@ -194,7 +220,21 @@ def refine(
     options: LearningOptions,
     max_iter: int,
 ) -> Neurons:
-    """Adjust the parameters, then combine what has become similar."""
+    """Adjust the parameters, then combine what has become similar.
+
+    Parameters
+    ----------
+    neurons : Neurons
+        Standardised rules.
+    samples : pair of (n, d) and (n, m) arrays
+        Standardised data.
+    noise : float
+        Standard deviation of the noise of the outputs.
+    options : LearningOptions
+        Settings.
+    max_iter : int
+        Largest number of gradient steps.
+    """
     neurons = adjust(neurons, *samples, noise, max_iter)
     neurons, _ = combine(
         neurons, np.ones(len(neurons)), options.similarity, samples, noise, options.resolution

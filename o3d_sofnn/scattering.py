@@ -21,7 +21,16 @@ def left_out(finite: NDArray[np.bool_]) -> str:
 
 
 def scatter_normals(estimate: NormalEstimate, finite: NDArray[np.bool_]) -> NormalEstimate:
-    """Bring per-point arrays to the user's rows, those without finite coordinates included."""
+    """Bring per-point arrays to the user's rows, those without finite coordinates included.
+
+    Parameters
+    ----------
+    estimate : NormalEstimate
+        Of the f finite points.
+    finite : (n,) bool
+        Which of the user's points they are. The others get the normal (0, 0, 0), the confidence 0
+        and the noise NaN, count as outliers, and are mentioned in a warning.
+    """
     if finite.all():
         return estimate
 

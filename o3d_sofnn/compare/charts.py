@@ -123,6 +123,17 @@ def draw(chart: Chart, rows: Sequence[Row], methods: Sequence[str], titles: dict
 
     Every point has its method and its numbers as data attributes; the class ``m<k>`` of a line is
     the place of its method in ``methods``.
+
+    Parameters
+    ----------
+    chart : Chart
+        What is drawn.
+    rows : sequence of dict
+        Results, with the keys ``run.COLUMNS``.
+    methods : sequence of str
+        All methods, in the order of their colours.
+    titles : dict of str to str
+        Their names for people.
     """
     lines = series(chart, rows)
     points = [point for line in lines.values() for point in line]
