@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from o3d_sofnn.compare.measure import distances
+
 Array = NDArray[Any]
 
 TOLERANCE = 6e-4
@@ -133,7 +135,4 @@ def _best(run: Callable[[], tuple[dict[str, float], Any]]) -> tuple[dict[str, fl
 
 
 def _errors(points: Array, vertices: Array, triangles: Array) -> Array:
-    import igl
-
-    squared = igl.point_mesh_squared_distance(points, vertices, triangles.astype(np.int64))[0]
-    return np.sqrt(squared) / np.linalg.norm(np.ptp(points, axis=0))
+    return distances(points, vertices, triangles)[0] / np.linalg.norm(np.ptp(points, axis=0))
