@@ -64,7 +64,7 @@ class Input:
             tooth = TEETH[self.name]()
             diagonal = 2.0 * float(np.linalg.norm(tooth.half_size))
             return tooth.sample(max(SIZES), noise=NOISE * diagonal)
-        found = cases.read(self.file, clouds_only=True)
+        found = cases.read_points(self.file)
         if len(found) < PAPER[self.name][0]:
             found = experiments.sample(self.file, max(SIZES))
         return np.random.default_rng(0).permutation(found)[: max(SIZES)]

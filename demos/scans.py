@@ -72,7 +72,7 @@ def measure(file: Path, count: int | None) -> dict[str, Any]:
         Keys ``COLUMNS``.
     """
     rng = np.random.default_rng(0)
-    points = cases.read(file, clouds_only=True)
+    points = cases.read_points(file)
     if count is not None and count < len(points):
         points = points[np.sort(rng.choice(len(points), count, replace=False))]
     started = time.process_time()

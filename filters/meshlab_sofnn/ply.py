@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meshlab_sofnn.engine import Surface
 
@@ -25,6 +27,7 @@ def write_ply(path: Path, surface: Surface) -> None:
     OSError
         The file cannot be written.
     """
+    columns: list[tuple[str, str, NDArray[Any]]]
     columns = [(name, "<f8", surface.vertices[:, k]) for k, name in enumerate(("x", "y", "z"))]
     columns += [(name, "<f8", surface.normals[:, k]) for k, name in enumerate(("nx", "ny", "nz"))]
     columns.append(("quality", "<f8", surface.confidence))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn import adapters, io, metrics, readers
+from o3d_sofnn import adapters, io, metrics, readers, validation
 
 from .measure import Truth
 from .raster import View
@@ -132,12 +132,9 @@ def read(file: Path, clouds_only: bool = False) -> Array | Model:
     Raises
     ------
     OSError, ValueError
-        As of :func:`o3d_sofnn.io.read_point_cloud`.
+        As of :func:`read_points`.
     """
-    cloud = adapters.read_cloud(io.read_point_cloud(file)).points
-    points = cloud[np.isfinite(cloud).all(axis=1)]
-    if len(points) < 4:
-        raise ValueError(f"{file}: expected at least 4 finite points, got {len(points)}")
+    points = read_points(file)
     if clouds_only or file.suffix.lower() not in MESHES:
         return points
     vertices, triangles = readers.read_triangles(file)
@@ -146,6 +143,23 @@ def read(file: Path, clouds_only: bool = False) -> Array | Model:
     if metrics.signed_volume(vertices, triangles) < 0:
         triangles = triangles[:, ::-1].copy()
     return Model(vertices, triangles)
+
+
+def read_points(file: Path) -> Array:
+    """Return the finite points, (n, 3), of a cloud, or the vertices of a mesh.
+
+    Raises
+    ------
+    OSError, ValueError
+        As of :func:`o3d_sofnn.io.read_point_cloud`; also where there are fewer than four.
+    """
+    cloud = adapters.read_cloud(io.read_point_cloud(file)).points
+    points = cloud[validation.finite_rows(cloud)]
+    if len(points) < validation.MIN_POINTS:
+        raise ValueError(
+            f"{file}: expected at least {validation.MIN_POINTS} finite points, got {len(points)}"
+        )
+    return points
 
 
 def cases(source: Source, ladder: Ladder) -> Iterator[Case]:
