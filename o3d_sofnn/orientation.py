@@ -7,23 +7,20 @@ import scipy.sparse
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
-from ._kernels import KdTree, WindingTree
+from ._kernels import KdTree
 from .perspective import seen_together
 from .pieces import pieces, turn_along
 from .rule_base import RuleBase
-from .winding import cell_areas
-from .winding_normals import OPENING
+from .rule_winding import empty_in_front, winding_before
 
 ALIKE = 0.7
 """Least cosine between the planes of neighbouring rules that hand on a sign."""
-CLOSED = 0.72
+CLOSED = 0.82
 """Share of a piece with nothing in front of it from which on it counts as closed."""
 NOISY = (5.0, 0.05, 0.02)
 """Largest rise over the noise of a step between the two sides that the winding number makes of one
 noisy sheet (3.2 for halves of a Gaussian), least share of such steps in a piece like that, and
 largest share of the contradictions that stay when it is made one sheet (more do on thin arms)."""
-SMOOTH = 0.7
-"""Smoothing width of the winding number of rules, over their spacing."""
 PREFERENCE = 0.05
 """Mean winding number on a piece below which neither of its sides is the outer one: 1/2 on a closed
 surface, 0 on a plane."""
@@ -101,24 +98,6 @@ def unify(rules: RuleBase, n_threads: int) -> tuple[RuleBase, NDArray[np.bool_]]
     return rules.facing(normals * np.where(replaced, sign, 1.0)[:, None]), replaced
 
 
-def empty_in_front(rules: RuleBase, n_threads: int) -> NDArray[np.bool_]:
-    """Whether the winding number one spacing in front of each rule is that of the outside.
-
-    Parameters
-    ----------
-    rules : RuleBase
-        Oriented rules.
-    n_threads : int
-        Threads.
-
-    Returns
-    -------
-    (r,) bool
-        True nearly everywhere on a closed surface, on less than half of an open one.
-    """
-    return np.asarray(np.abs(_winding_number(rules, (1.0,), n_threads)[0]) < 0.25)
-
-
 def certainty(rules: RuleBase, settled: bool, n_threads: int) -> NDArray[np.float64]:
     """How far the winding number falls from one spacing behind each rule to one in front of it.
 
@@ -138,23 +117,9 @@ def certainty(rules: RuleBase, settled: bool, n_threads: int) -> NDArray[np.floa
         disagree, 0 where the rule faces against what surrounds it and, unless `settled`, where
         its side is a toss of a coin.
     """
-    front, behind, on = _winding_number(rules, (1.0, -1.0, 0.0), n_threads)
+    front, behind, on = winding_before(rules, (1.0, -1.0, 0.0), n_threads)
     sure = np.clip(behind - front, 0.0, 1.0)
     return sure if settled else np.where(_balanced(rules, on, n_threads), 0.0, sure)
-
-
-def _winding_number(
-    rules: RuleBase, steps: tuple[float, ...], n_threads: int
-) -> list[NDArray[np.float64]]:
-    """Winding number of the rules so many spacings in front of each of them."""
-    feet, normals = rules.feet, rules.normals
-    area = cell_areas(feet, n_threads)
-    spacing = float(np.sqrt(np.median(area)))
-    tree = WindingTree(feet, area)
-    width = np.full(len(feet), SMOOTH * spacing)
-    mu = area[:, None] * normals
-    places = [np.ascontiguousarray(feet + step * spacing * normals) for step in steps]
-    return [np.asarray(tree.winding(mu, x, width, OPENING, n_threads)) for x in places]
 
 
 def _signs_along(
@@ -267,7 +232,7 @@ def undecided(rules: RuleBase, n_threads: int) -> NDArray[np.bool_]:
     (r,) bool
         True where the winding number is as often above as below zero on the piece.
     """
-    return _balanced(rules, _winding_number(rules, (0.0,), n_threads)[0], n_threads)
+    return _balanced(rules, winding_before(rules, (0.0,), n_threads)[0], n_threads)
 
 
 def _balanced(rules: RuleBase, winding: NDArray[np.float64], n_threads: int) -> NDArray[np.bool_]:

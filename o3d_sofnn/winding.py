@@ -124,11 +124,6 @@ def regional_spacing(x: NDArray[np.float64], tree: KdTree, n_threads: int) -> ND
     return np.asarray(np.median(near[region], axis=1)[nearest])
 
 
-def cell_areas(x: NDArray[np.float64], n_threads: int) -> NDArray[np.float64]:
-    """Area of surface around each sample, (n,), from the distance of its neighbours."""
-    return neighborhood_areas(x, KdTree(x, n_threads), n_threads)
-
-
 def neighborhood_areas(
     places: NDArray[np.float64], tree: KdTree, n_threads: int
 ) -> NDArray[np.float64]:

@@ -24,6 +24,7 @@ from o3d_sofnn.pieces import pieces, turn_along
 from o3d_sofnn.pipeline import estimate_normals
 from o3d_sofnn.reference.local_fit import frame_of
 from o3d_sofnn.rule_base import RuleBase
+from o3d_sofnn.rule_winding import empty_in_front
 
 
 def rules_on(shape, seed=0):
@@ -100,6 +101,16 @@ def hills(n):
 def test_open_sheets_have_one_side(sheet, noise):
     found = flipped(estimate_normals(sheet.noisy(noise).points, n_threads=1).normals, sheet)
     assert min(found, 1.0 - found) == 0.0
+
+
+def test_the_sparse_part_of_a_closed_surface_counts_as_closed():
+    dense, sparse = sphere(8000), sphere(80, seed=3).moved((5.0, 0.0, 0.0))
+    shape = join(dense, sparse)
+    empty = empty_in_front(rules_on(shape).facing(shape.normals), 1)
+    assert empty[:8000].mean() > 0.99
+    assert empty[8000:].mean() > 0.95
+    sheet = rules_on(plane_patch(900)).facing(plane_patch(900).normals)
+    assert empty_in_front(sheet, 1).mean() < 0.3
 
 
 def test_far_objects_of_different_size_are_both_oriented():
