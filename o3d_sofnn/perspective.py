@@ -184,9 +184,11 @@ def _single_view(scene: _Scene, first: Array) -> Array:
 
     def badness(x: Array) -> float:
         place = view(x)
-        shown = (scene.facing(place)[scene.sheet] > 0.0).mean()
-        lost = 5.0 * max(0.0, SEEN + 0.01 - shown) + 10.0 * max(0.0, -x[2])
-        return float(scene.hidden(place).mean() + lost)
+        cosine = scene.facing(place)[scene.sheet]
+        unseen = max(0.0, SEEN + 0.01 - (cosine > 0.0).mean())
+        slant = max(0.0, SLANT + 0.01 - float(np.median(cosine)))
+        behind = max(0.0, -x[2])
+        return float(scene.hidden(place).mean() + 5.0 * (unseen + slant) + 10.0 * behind)
 
     found = []
     for near in STARTS:
