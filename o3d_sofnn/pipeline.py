@@ -105,7 +105,8 @@ def reconstruct_surface(
     viewpoint, towards
         As in :func:`estimate_normals`: the surface faces the place, or its pieces the direction.
     depth : int, optional
-        The longest side of the bounding box is divided into ``2**depth`` cubes.
+        The longest side of the bounding box, that of the outliers left out, is divided into
+        ``2**depth`` cubes.
     voxel_size : float, optional
         Edge of a cube, in the unit of the points. Without `depth` and `voxel_size` it is chosen
         from spacing and noise.
@@ -156,7 +157,7 @@ def reconstruct_surface(
         usual = float(np.median(scale.spacing))
         wanted = None if voxel_size is None else voxel_size / extent
         size, finest, levels = choose_cubes(
-            distinct, samples, spacing, usual, rules, depth, wanted, threads
+            inliers, samples, spacing, usual, rules, depth, wanted, threads
         )
         spacing = np.maximum(spacing, finest * np.exp2(levels))
         implicit = Field(rules, surfaces, samples, facing, spacing, threads)

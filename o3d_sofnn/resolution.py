@@ -78,10 +78,11 @@ def choose_cubes(
     Parameters
     ----------
     points : (n, 3) float64
-        The cloud.
-    samples : (m, 3) float64
-        Those on the surface, moved onto it.
-    spacing : (m,) float64
+        The cloud without its outliers: a single one far away may make its box a thousand times as
+        large.
+    samples : (n, 3) float64
+        The same, moved onto the surface.
+    spacing : (n,) float64
         Edge of the square that one point covers, at each.
     usual_spacing : float
         The same where the data is as usual.
@@ -100,7 +101,7 @@ def choose_cubes(
         Edge of a cube where the data is as usual.
     finest : float
         Edge of the finest cubes.
-    levels : (m,) int64
+    levels : (n,) int64
         The cubes around a sample have an edge of ``finest * 2**level``.
     """
     if depth is not None:
@@ -123,7 +124,7 @@ def choose_voxel_size(
     Parameters
     ----------
     points : (n, 3) float64
-        The cloud.
+        The cloud without its outliers.
     spacing : float
         Edge of the square that one point covers.
     rules : RuleBase

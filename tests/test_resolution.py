@@ -67,6 +67,17 @@ def test_triangles_have_the_size_that_the_user_gives():
     assert len(surface.triangles) == pytest.approx(2 * 6 / edge**2, rel=0.1)
 
 
+@pytest.mark.parametrize("options", [{}, {"depth": 6}])
+def test_a_stray_point_far_away_does_not_make_cubes_large(options):
+    ball = sphere(3000).points
+    stray = np.array([[1e5, 0.0, 0.0], [0.0, -1e5, 0.0]])
+    alone = reconstruct_surface(ball, **options)
+    surface = reconstruct_surface(np.concatenate([stray, ball]), **options)
+    assert surface.voxel_size == pytest.approx(alone.voxel_size, rel=0.01)
+    assert len(surface.triangles) == pytest.approx(len(alone.triangles), rel=0.02)
+    assert np.abs(np.linalg.norm(surface.vertices, axis=1) - 1.0).max() < 0.01
+
+
 def test_a_flat_shape_has_fewer_triangles_and_keeps_its_edges():
     surface = reconstruct_surface(box(20000).points)
     assert surface.watertight
