@@ -16,7 +16,8 @@ Array = NDArray[np.float64]
 SEEN = 0.97
 """Share of a sheet that shows the same side to a place that sees it."""
 HIDDEN = 0.15
-"""Share of a piece in front of or behind the sheet, its rim included: more is not side by side."""
+"""Share of a piece in front of or behind the sheet, or of the sheet behind or in front of pieces,
+rims included: more is not side by side."""
 SLANT = 0.3
 """Cosine at which a place sees at least half of the sheet: under a grazing view the two sides of a
 plate lie side by side."""
@@ -54,17 +55,19 @@ class _Scene:
         return np.asarray(np.einsum("nd,nd->n", self.normals, self.rays(view)))
 
     def hidden(self, view: Array) -> NDArray[np.bool_]:
-        """Which rules beside the sheet lie in front of it or behind it, or behind the viewer."""
+        """Which rules of the sheet and beside it cover each other, or are behind the viewer."""
         depth = 1.0 - view[3] * (self.places @ view[:3])
         image = self.places - (self.places @ view[:3])[:, None] * view[:3]
         image = image / np.maximum(depth, IN_VIEW)[:, None]
-        screen = np.ascontiguousarray(image[self.sheet])
-        tree = KdTree(screen, self.n_threads)
-        gap = tree.query(screen, min(5, len(screen)), np.inf, self.n_threads)[0][:, -1]
-        beside = np.ascontiguousarray(image[~self.sheet])
-        distance, nearest = tree.query(beside, 1, np.inf, self.n_threads)
-        covered = distance[:, 0] < gap[nearest[:, 0]]
-        return np.asarray(covered | (depth[~self.sheet] < IN_VIEW))
+        hidden = depth < IN_VIEW
+        for one in (self.sheet, ~self.sheet):
+            screen = np.ascontiguousarray(image[one])
+            tree = KdTree(screen, self.n_threads)
+            gap = tree.query(screen, min(5, len(screen)), np.inf, self.n_threads)[0][:, -1]
+            other = np.ascontiguousarray(image[~one])
+            distance, nearest = tree.query(other, 1, np.inf, self.n_threads)
+            hidden[~one] |= distance[:, 0] < gap[nearest[:, 0]]
+        return np.asarray(hidden)
 
 
 def seen_together(
@@ -134,10 +137,15 @@ def _sides_shown(
     """Which side each piece shows beside the sheet, (count,): 1, -1, or 0 if it is not beside."""
     cosine = scene.facing(view)
     ground = cosine[scene.sheet]
-    if (ground > 0.0).mean() < SEEN or np.median(ground) < SLANT:
+    covered = scene.hidden(view)
+    if (
+        (ground > 0.0).mean() < SEEN
+        or np.median(ground) < SLANT
+        or covered[scene.sheet].mean() > HIDDEN
+    ):
         return np.zeros(count, np.int64)
     size = np.maximum(np.bincount(piece, minlength=count), 1)
-    hidden = np.bincount(piece, scene.hidden(view), count) / size
+    hidden = np.bincount(piece, covered[~scene.sheet], count) / size
     shown = np.bincount(piece, cosine[~scene.sheet] > 0.0, count) / size
     shown[hidden > HIDDEN] = 0.5
     asked = np.bincount(piece, minlength=count) > 0
@@ -188,7 +196,9 @@ def _single_view(scene: _Scene, first: Array) -> Array:
         unseen = max(0.0, SEEN + 0.01 - (cosine > 0.0).mean())
         slant = max(0.0, SLANT + 0.01 - float(np.median(cosine)))
         behind = max(0.0, -x[2])
-        return float(scene.hidden(place).mean() + 5.0 * (unseen + slant) + 10.0 * behind)
+        hidden = scene.hidden(place)
+        lost = hidden[scene.sheet].mean() + hidden[~scene.sheet].mean()
+        return float(lost + 5.0 * (unseen + slant) + 10.0 * behind)
 
     found = []
     for near in STARTS:
