@@ -24,6 +24,11 @@ CERTAIN = (0.2, 0.35)
 from which on not: whatever they say, such a place is inside or outside."""
 WIDTH = 0.75
 """Smoothing width of the winding number, over the spacing."""
+ACROSS = 16.0
+"""How fast a noisy rule loses weight with the residual that neither noise nor chance explains: it
+lies across an edge, and the rules of the two faces know better."""
+UNEXPLAINED = 10.0
+"""Largest part that counts."""
 NEAREST = 16
 """Rules that take part in the blend at one place."""
 BLOCK = 2**18
@@ -73,7 +78,7 @@ class Field:
         self._samples = _kernels.KdTree(samples, n_threads)
         self._spacing = spacing
         self.n_threads = n_threads
-        self._view = rules.view(n_threads)
+        self._view = rules.view(n_threads, trust=trust(rules))
         weight = self._areas(samples)
         self._dipoles = weight[:, None] * normals
         self._far_tree = _kernels.WindingTree(samples, weight, n_threads)
@@ -148,6 +153,13 @@ class Field:
         blend = weight[near] * local + (1.0 - weight[near]) * far[near]
         values[near] = np.where(agree, local, blend)
         return values, support
+
+
+def trust(rules: RuleBase) -> NDArray[np.float64]:
+    """Weight of each rule in the blend, over its quality, (r,): low across edges of noisy data."""
+    chance = np.sqrt(2.0 / rules.n_neighbors)
+    unexplained = np.clip(rules.excess - chance, 0.0, UNEXPLAINED)
+    return np.asarray(np.exp(-ACROSS * rules.noisiness * unexplained))
 
 
 def fade(x: NDArray[np.float64], low: float, high: float) -> NDArray[np.float64]:

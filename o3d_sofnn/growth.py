@@ -23,8 +23,6 @@ are similar and become one."""
 SUPPORTED = 0.1
 """Share of the neighbourhood that must face the side of a rule: what a handful of points on a wrong
 side say fits them perfectly, and nothing else."""
-USUAL = 0.67
-"""Residual of a good fit over its tolerance."""
 MISFIT = 0.05
 """Squared residual in excess of the usual one, over that, at which a fit has the right size: its
 error of shape is then about as large as what noise leaves in some 100 points."""
@@ -95,14 +93,13 @@ def reshape(
     n_neighbors, across, stretch
         Arguments for :func:`o3d_sofnn.rules.fit_rules`.
     """
-    excess = (rules.residual / (USUAL * rules.tolerance)) ** 2 - 1.0
     # A wider fit is a better mean of the noise; where there is none nothing is to be gained. What
     # competes is the error of shape, so noise is measured against that and not, as in
     # `RuleBase.noisiness`, against the spacing (clean shapes: 8 % more Hausdorff distance; with
     # this measure there, too, 4 %).
     noisy = np.minimum(NOISE_TOLERANCE * rules.noise / (SHAPE_TOLERANCE * rules.radius), 1.0)
     widest = 1.0 + (RESIZED[1] - 1.0) * noisy
-    factor = widest * np.cbrt(MISFIT / np.maximum(excess, MISFIT))
+    factor = widest * np.cbrt(MISFIT / np.maximum(rules.excess, MISFIT))
     factor = np.maximum(factor, RESIZED[0])
     most = np.full(len(rules), np.inf)
     if max_neighbors is not None:

@@ -19,6 +19,8 @@ NOISE_TOLERANCE = 1.4
 """Width of the membership in the residual, over the noise level."""
 SHAPE_TOLERANCE = 0.02
 """The same over the radius of the fit: what a quadric leaves of a clean shape."""
+USUAL = 0.67
+"""Residual of a good fit over its tolerance."""
 NOISY = 0.2
 """Noise over spacing from which on it is noise."""
 UNCERTAIN = 3.0
@@ -118,6 +120,11 @@ class RuleBase:
         return np.maximum(NOISE_TOLERANCE * self.noise, SHAPE_TOLERANCE * self.radius)
 
     @property
+    def excess(self) -> NDArray[np.float64]:
+        """Squared residual in excess of the usual one, over that, (r,)."""
+        return np.asarray((self.residual / (USUAL * self.tolerance)) ** 2 - 1.0)
+
+    @property
     def quality(self) -> NDArray[np.float64]:
         """Weight of each rule in the inference: low where the quadric does not fit, (r,)."""
         return np.asarray(np.exp(-0.5 * np.minimum(self.residual / self.tolerance, 30.0) ** 2))
@@ -160,8 +167,27 @@ class RuleBase:
             noise=scale * self.noise,
         )
 
-    def view(self, n_threads: int, experience: Experience | None = None) -> _kernels.RuleView:
-        """Copy the rules, and what experience says of them, for the native kernels."""
+    def view(
+        self,
+        n_threads: int,
+        experience: Experience | None = None,
+        trust: NDArray[np.float64] | None = None,
+    ) -> _kernels.RuleView:
+        """Copy the rules for the native kernels.
+
+        Parameters
+        ----------
+        n_threads : int
+            Threads.
+        experience : Experience, optional
+            Off-line rules and what they say of each rule.
+        trust : (r,) float64, optional
+            Factor of the quality of each rule.
+
+        Returns
+        -------
+        RuleView
+        """
         gates = None if experience is None else experience.gates(self)
         return _kernels.RuleView(
             self.centers,
@@ -170,7 +196,7 @@ class RuleBase:
             self.radius,
             self.stretch,
             self.tolerance,
-            self.quality,
+            self.quality if trust is None else self.quality * trust,
             gates,
             None if experience is None else experience.neurons,
             n_threads,

@@ -30,7 +30,7 @@ struct FieldScratch {
 
 // Rules whose normals differ by more than this cosine from the leading one belong to another sheet or face. The more
 // noise there is in the leading rule, the more its neighbours may differ for no reason but noise.
-inline double same_face(double relative_noise) { return std::min(std::max(0.9 - 5 * relative_noise, 0.2), 0.8); }
+inline double same_face(double relative_noise) { return std::min(std::max(0.9 - 5 * relative_noise, 0.5), 0.8); }
 constexpr int kFaces = 3;
 
 // A face counts when its best rule has at least this membership, relative to the best one (logarithm). What is flat may

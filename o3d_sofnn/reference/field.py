@@ -14,7 +14,7 @@ from .rules import Rules
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-SAME_FACE = (0.2, 0.8)
+SAME_FACE = (0.5, 0.8)
 """Range of the cosine between two normals above which their rules belong to one face."""
 FACES = 3
 """Largest number of faces that meet."""
