@@ -134,32 +134,7 @@ def learn_rules(
             scale = refine_scale(clean, tree, scale, sides, max_nn, limit, threads)
         rules = _first_rules(clean, tree, scale, sides, threads, clock)
     with clock.stage("growth"):
-        normals, _, residual = infer_normals(
-            rules, clean, threads, sides=sides, experience=experience
-        )
-        facing = sides_around(rules.centers, rules.normals, normals, tree, threads)
-        centers, count, noise = generate(rules, clean, residual, threads)
-        side = infer_normals(rules, centers, threads)[0]
-        size, across, stretch = reshape(rules, max_nn, limit)
-        rules = fit_rules(
-            clean,
-            tree,
-            np.concatenate([rules.feet, centers]),
-            np.concatenate([size, count]),
-            np.concatenate([rules.noise, noise]),
-            threads,
-            normals=normals,
-            sides=np.concatenate([facing, side]),
-            across=np.concatenate([across, np.zeros_like(centers)]),
-            stretch=np.concatenate([stretch, np.ones(len(centers))]),
-        )
-        rules = combine(discard(rules), threads)
-        read = read_normals(rules, clean, threads)
-        normals[read] = infer_normals(
-            rules, clean[read], threads, sides=sides[read], experience=experience
-        )[0]
-        rules = discard(revise(rules, clean, tree, normals, threads))
-        rules = adjust(rules, clean, threads)
+        rules = _grow(rules, clean, tree, sides, max_nn, limit, experience, threads)
         settled = known or towards is not None
         rules = replace(rules, confidence=certainty(rules, settled, threads))
         if many:
@@ -201,6 +176,43 @@ def _first_rules(
         size, noise = scale.n_neighbors[pilot], scale.noise[pilot]
     with clock.stage("rules"):
         return fit_rules(points, tree, centers, size, noise, threads, normals=sides, sides=facing)
+
+
+def _grow(
+    rules: RuleBase,
+    points: Array,
+    tree: KdTree,
+    sides: Array,
+    max_nn: int | None,
+    max_radius: float | None,
+    experience: Experience | None,
+    threads: int,
+) -> RuleBase:
+    """Fit the rules anew with what they have inferred: generate, reshape, combine, adjust."""
+    normals, _, residual = infer_normals(rules, points, threads, sides=sides, experience=experience)
+    facing = sides_around(rules.centers, rules.normals, normals, tree, threads)
+    centers, count, noise = generate(rules, points, residual, threads)
+    side = infer_normals(rules, centers, threads)[0]
+    size, across, stretch = reshape(rules, max_nn, max_radius)
+    rules = fit_rules(
+        points,
+        tree,
+        np.concatenate([rules.feet, centers]),
+        np.concatenate([size, count]),
+        np.concatenate([rules.noise, noise]),
+        threads,
+        normals=normals,
+        sides=np.concatenate([facing, side]),
+        across=np.concatenate([across, np.zeros_like(centers)]),
+        stretch=np.concatenate([stretch, np.ones(len(centers))]),
+    )
+    rules = combine(discard(rules), threads)
+    read = read_normals(rules, points, threads)
+    normals[read] = infer_normals(
+        rules, points[read], threads, sides=sides[read], experience=experience
+    )[0]
+    rules = discard(revise(rules, points, tree, normals, threads))
+    return adjust(rules, points, threads)
 
 
 def _part_from_surface(
