@@ -26,6 +26,8 @@ REACH = 2.0
 """Longest way of a vertex, over the length of its edges."""
 TURN = 0.2
 """Least cosine between the normals of a triangle before and after."""
+ROUNDS = 8
+"""Times that vertices are moved, neighbours not in the same round but for the last one."""
 
 Array = NDArray[np.float64]
 
@@ -37,7 +39,9 @@ def sharpen(
 ) -> Array:
     """Move the vertices beside sharp edges and corners onto them.
 
-    A vertex goes back where a triangle would turn.
+    Of the vertices on either side of an edge those with the shortest ways go first: together they
+    would leave nothing of the triangles between them. A vertex goes back where a triangle would
+    turn.
 
     Parameters
     ----------
@@ -62,12 +66,32 @@ def sharpen(
     corner = around[valid].ravel().astype(np.int64)
     places, planes = (np.repeat(x[valid], 3, axis=0) for x in (places, planes))
     offset = ((places - vertices[corner]) * planes).sum(axis=1)
-    moved = vertices.copy()
     chosen = np.flatnonzero(sharp & (np.bincount(corner, minlength=len(vertices)) >= 3))
     steps = _meeting_points(corner, planes, offset, len(vertices))[chosen]
-    near = np.linalg.norm(steps, axis=1) < REACH * lengths[chosen]
-    moved[chosen[near]] += steps[near]
-    return np.asarray(_kernels.undo_turns(vertices, moved, triangles, TURN))
+    ways = np.full(len(vertices), np.inf)
+    ways[chosen] = np.linalg.norm(steps, axis=1) / lengths[chosen]
+    aims = vertices.copy()
+    aims[chosen] += steps
+    return _move_in_turn(vertices, aims, np.where(ways < REACH, ways, np.inf), around)
+
+
+def _move_in_turn(vertices: Array, aims: Array, ways: Array, triangles: NDArray[np.int32]) -> Array:
+    """Move vertices of some triangles to their aims, short ways first, infinite ones never."""
+    order = np.argsort(ways, kind="stable")
+    turn = np.empty(len(vertices), np.int64)
+    turn[order] = np.arange(len(vertices))
+    waiting = np.isfinite(ways)
+    for left in range(ROUNDS, 0, -1):
+        moving = waiting
+        if left > 1:
+            number = np.where(waiting, turn, len(vertices))
+            first = number.copy()
+            np.minimum.at(first, triangles.ravel(), np.repeat(number[triangles].min(axis=1), 3))
+            moving = waiting & (number == first)
+        moved = np.where(moving[:, None], aims, vertices)
+        vertices = np.asarray(_kernels.undo_turns(vertices, moved, triangles, TURN))
+        waiting = waiting & ~moving
+    return vertices
 
 
 def touching_planes(
