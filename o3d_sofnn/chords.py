@@ -24,7 +24,8 @@ def balance_chords(vertices: Array, triangles: NDArray[np.int32], share: float) 
 
     Over a triangle with edges ``d`` a quadratic surface is off the plane through the corners by
     ``-sum(d.H.d) / 24`` in the mean, with its second derivatives ``H``, and ``d.H.d`` is the
-    product of the edge with the difference of the normals at its ends.
+    product of the edge with the difference of the normals at its ends. With corners ``x`` and
+    normals ``n`` the sum is ``3 sum(n.x) - sum(n).sum(x)``.
 
     Parameters
     ----------
@@ -40,14 +41,18 @@ def balance_chords(vertices: Array, triangles: NDArray[np.int32], share: float) 
     (m, 3) float64
         Vertices of triangles beside a sharp edge stay.
     """
+    if share == 0.0:
+        return vertices
     normals = np.asarray(_kernels.surroundings(vertices, triangles)[0])
     bent = np.asarray(_kernels.bent_vertices(vertices, triangles, normals, SMOOTH)) > 0
-    corners, facing = vertices[triangles], normals[triangles]
-    edges = np.roll(corners, -1, axis=1) - corners
-    turns = np.roll(facing, -1, axis=1) - facing
-    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    off = np.where(bent[triangles].any(axis=1), 0.0, (turns * edges).sum(axis=(1, 2)) / 24.0)
-    ends, count = triangles.ravel(), len(vertices)
-    total = np.bincount(ends, np.repeat(area, 3), count)
-    mean = np.bincount(ends, np.repeat(area * off, 3), count) / np.where(total > 0.0, total, 1.0)
-    return np.asarray(vertices + share * np.where(bent, 0.0, mean)[:, None] * normals)
+    ends = triangles.ravel()
+    own = np.einsum("md,md->m", normals, vertices)[ends].reshape(-1, 3).sum(axis=1)
+    facing, middle = (
+        x[triangles[:, 0]] + x[triangles[:, 1]] + x[triangles[:, 2]] for x in (normals, vertices)
+    )
+    off = (3.0 * own - np.einsum("td,td->t", facing, middle)) / 24.0
+    off[bent[ends].reshape(-1, 3).any(axis=1)] = 0.0
+    number = np.bincount(ends, minlength=len(vertices))
+    way = share * np.bincount(ends, np.repeat(off, 3), len(vertices)) / np.maximum(number, 1)
+    way[bent] = 0.0
+    return np.asarray(vertices + way[:, None] * normals)
