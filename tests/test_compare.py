@@ -216,11 +216,13 @@ def test_sigterm_ends_the_process_of_a_method_too(tmp_path):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        cwd=tmp_path,
     ) as process:
         for line in process.stdout:
             if "ours" in line:
                 break
         while not (started := spawned(process.pid)):
+            assert process.poll() is None, process.stderr.read()
             time.sleep(0.05)
         process.send_signal(signal.SIGTERM)
         _, err = process.communicate(timeout=60)
