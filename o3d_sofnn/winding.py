@@ -60,9 +60,7 @@ def orient_points(
     tree = KdTree(x, n_threads)
     distance = regional_spacing(x, tree, n_threads)
     coarse, fine = (np.hypot(a * distance, b * noise) for a, b in (COARSE, FINE))
-    # How far apart points of a layer are says nothing about the area that each stands for.
-    areas = np.ones(len(x)) if noise > LAYER * spacing else distance**2
-    mu = winding_number_normals(x, areas, coarse, fine, n_threads)
+    mu = winding_number_normals(x, distance**2, coarse, fine, n_threads)
     sources = WindingTree(x, np.linalg.norm(mu, axis=1))
     width = np.maximum(fine, BLUR * noise)[stands]
     return unit(np.asarray(sources.gradient(mu, points, width, OPENING, n_threads)[1]))
