@@ -39,9 +39,6 @@ def winding_number_normals(
     the noise out of the directions but alone may stop with inner surfaces turned and faded. When
     the sides have settled known areas replace lengths, which have learned the noise by then.
 
-    Errors count and steps are taken by area: as if the surface were sampled evenly. Otherwise dense
-    parts outweigh sparse ones, and cavities turn.
-
     Parameters
     ----------
     x : (m, 3) float64
@@ -62,9 +59,9 @@ def winding_number_normals(
     order = np.asarray(WindingTree(x, np.ones(len(x))).order())
     sorted_x, coarse, fine = np.ascontiguousarray(x[order]), coarse[order], fine[order]
     tree = WindingTree(sorted_x, np.ones(len(x)))
-    areas = areas[order] / areas.mean()
-    samples = _Samples(tree, tree.lists(sorted_x, OPENING, n_threads), areas, n_threads)
-    solved = SOLVED**2 * samples.square(samples.descent(np.full(len(x), 0.5), coarse))
+    samples = _Samples(tree, tree.lists(sorted_x, OPENING, n_threads), n_threads)
+    half = np.full(len(x), 0.5)
+    solved = SOLVED**2 * float((samples.descent(half, coarse) ** 2).sum())
     mu = np.zeros_like(sorted_x)
     for iteration in range(MOST):
         steps = STEPS if iteration < ROUNDS else 1
@@ -72,7 +69,7 @@ def winding_number_normals(
         changed = (np.einsum("nd,nd->n", before, mu) < 0.0).mean()
         if iteration >= ROUNDS and changed < SETTLED:
             break
-    mu = unit(mu) * areas[:, None]
+    mu = unit(mu) * areas[order, None]
     winding = samples.winding(mu, coarse)
     mu *= 0.5 * winding.sum() / (winding**2).sum()
     for width in np.geomspace(coarse, fine, NARROWING):
@@ -88,7 +85,6 @@ class _Samples:
 
     tree: WindingTree
     lists: WindingLists
-    areas: Array
     n_threads: int
 
     def winding(self, mu: Array, width: Array) -> Array:
@@ -96,31 +92,25 @@ class _Samples:
         return np.asarray(self.tree.winding_at(mu, self.lists, width, self.n_threads))
 
     def descent(self, error: Array, width: Array) -> Array:
-        """Downhill gradient, by area, of half the mean squared error: transposed ``A``."""
-        charge = self.areas * error
-        return -np.asarray(self.tree.adjoint_at(charge, self.lists, width, self.n_threads))
-
-    def square(self, values: Array) -> float:
-        """Integral of squares over the surface."""
-        return float((self.areas * (values.reshape(len(values), -1) ** 2).sum(axis=1)).sum())
+        """Downhill gradient of half the squared error: the transposed ``A`` times the error."""
+        return -np.asarray(self.tree.adjoint_at(error, self.lists, width, self.n_threads))
 
     def descend(self, mu: Array, width: Array, steps: int, solved: float) -> Array:
         """Bring the winding number closer to one half, then take the directions of its gradient."""
         error = 0.5 - (self.winding(mu, width) if mu.any() else np.zeros(len(mu)))
         descent = direction = self.descent(error, width)
-        square = self.square(descent)
+        square = float((descent**2).sum())
         for step in range(steps):
-            change = self.areas[:, None] * direction
-            response = self.winding(change, width)
-            scale = self.square(response)
+            response = self.winding(direction, width)
+            scale = float((response**2).sum())
             if scale == 0.0:
                 break
-            mu = mu + square / scale * change
+            mu = mu + square / scale * direction
             if step + 1 == steps:
                 break
             error = error - square / scale * response
             descent = self.descent(error, width)
-            before, square = square, self.square(descent)
+            before, square = square, float((descent**2).sum())
             if square < solved:
                 break
             direction = descent + square / before * direction
