@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.optimize
 from numpy.typing import NDArray
 
 from ._kernels import KdTree
@@ -183,6 +182,8 @@ def _separating(rows: Array) -> Array:
 
 def _single_view(scene: _Scene, first: Array) -> Array:
     """Place from which the least is hidden while the sheet still shows one side."""
+    from scipy.optimize import minimize  # rarely needed, and as slow to import as all the rest
+
     across = np.linalg.svd(scene.places[scene.sheet], full_matrices=False)[2][0]
     across = unit((across - (across @ first[:3]) * first[:3])[None])[0]
     axes = np.stack([across, np.cross(first[:3], across)])
@@ -204,9 +205,7 @@ def _single_view(scene: _Scene, first: Array) -> Array:
     for near in STARTS:
         simplex = np.array([[0, 0, near], [0.3, 0, near], [0, 0.3, near], [0, 0, near + 0.4]])
         options = {"initial_simplex": simplex, "maxfev": TRIALS, "xatol": 1e-3, "fatol": 1e-3}
-        found.append(
-            scipy.optimize.minimize(badness, simplex[0], method="Nelder-Mead", options=options)
-        )
+        found.append(minimize(badness, simplex[0], method="Nelder-Mead", options=options))
         if found[-1].fun < 0.5 * HIDDEN:
             break
     return view(min(found, key=lambda result: result.fun).x)
