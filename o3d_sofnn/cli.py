@@ -122,27 +122,29 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _add_normals(commands: Any, common: argparse.ArgumentParser) -> None:
-    normals = commands.add_parser(
-        "normals",
+def _add_command(
+    commands: Any, common: argparse.ArgumentParser, name: str, purpose: str, text: str, files: str
+) -> argparse.ArgumentParser:
+    """Add a command that reads points from a file and writes another one."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name,
         parents=[common],
-        help="write the points of IN with normals to OUT",
-        description=_NORMALS,
-        epilog=_NORMALS_FILES + _EXIT_CODES,
+        help=purpose,
+        description=text,
+        epilog=files + _EXIT_CODES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    _add_side(normals)
+    return parser
+
+
+def _add_normals(commands: Any, common: argparse.ArgumentParser) -> None:
+    purpose = "write the points of IN with normals to OUT"
+    _add_side(_add_command(commands, common, "normals", purpose, _NORMALS, _NORMALS_FILES))
 
 
 def _add_reconstruct(commands: Any, common: argparse.ArgumentParser) -> None:
-    mesh = commands.add_parser(
-        "reconstruct",
-        parents=[common],
-        help="write a watertight mesh through the points to OUT",
-        description=_RECONSTRUCT,
-        epilog=_RECONSTRUCT_FILES + _EXIT_CODES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    purpose = "write a watertight mesh through the points to OUT"
+    mesh = _add_command(commands, common, "reconstruct", purpose, _RECONSTRUCT, _RECONSTRUCT_FILES)
     resolution = mesh.add_mutually_exclusive_group()
     resolution.add_argument(
         "--depth", type=int, metavar="D", help="2**D cells along the longest side (1 to 16)"
