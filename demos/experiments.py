@@ -78,13 +78,13 @@ def variational(points: Array, voxel_size: float) -> Surface:
     """Reconstruct with the traditional method; its mesh comes out of the same extraction."""
     import traditional
 
-    from o3d_sofnn import surface
+    from o3d_sofnn.meshing.extraction import extract
 
     def run() -> tuple[dict[str, float], Any]:
         started = time.perf_counter()
         fit = traditional.fit(points)
         meshing = time.perf_counter()
-        mesh = surface.extract(lambda x: (fit.interpolant(x), np.ones(len(x))), points, voxel_size)
+        mesh = extract(lambda x: (fit.interpolant(x), np.ones(len(x))), points, voxel_size)
         stopped = time.perf_counter()
         seconds = {
             "normals": fit.seconds["normals"],
@@ -114,12 +114,13 @@ def count_offsets(points: Array) -> int:
 
 def sample(file: Path, count: int) -> Array:
     """Return points drawn evenly from the triangles of a mesh file, (count, 3)."""
-    from o3d_sofnn import metrics, readers
+    from o3d_sofnn.files import readers
+    from o3d_sofnn.geometry import mesh_properties
 
     vertices, triangles = readers.read_triangles(file)
     if not len(triangles):
         raise ValueError(f"{file}: expected more points, or triangles to draw points from")
-    return metrics.sample_surface(vertices, triangles, count)[0]
+    return mesh_properties.sample_surface(vertices, triangles, count)[0]
 
 
 def _precision(points: Array) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from truth import DENSITIES, Case, draw, parser, read_closed
 
-from o3d_sofnn.metrics import triangle_areas
+from o3d_sofnn.geometry.mesh_properties import triangle_areas
 from o3d_sofnn.pipeline import estimate_normals
 
 Array = NDArray[Any]

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn import metrics
 from o3d_sofnn.compare.raster import View
+from o3d_sofnn.geometry import mesh_properties
 
 Array = NDArray[Any]
 
@@ -128,7 +128,7 @@ def model(name: str, count: int, seed: int = 0) -> Cloud:
     """Return points drawn evenly from one of ``MODELS``."""
     file, view = MODELS[name]
     vertices, triangles, _ = read_model(file)
-    points, _ = metrics.sample_surface(vertices, triangles, count, seed)
+    points, _ = mesh_properties.sample_surface(vertices, triangles, count, seed)
     return Cloud(name, points, view=view)
 
 

@@ -18,10 +18,9 @@ from dental_shapes import molar
 from numpy.typing import NDArray
 
 from o3d_sofnn import pipeline
-from o3d_sofnn.field import NEAREST, PLACES
-from o3d_sofnn.local_fit import PILOTS, SCALES
-from o3d_sofnn.winding import representatives
-from o3d_sofnn.winding_normals import NARROWING, OPENING, ROUNDS, STEPS
+from o3d_sofnn.implicit.field import NEAREST, PLACES
+from o3d_sofnn.orientation.winding_normals import NARROWING, OPENING, ROUNDS, STEPS, representatives
+from o3d_sofnn.sampling.scale import PILOTS, SCALES
 
 Array = NDArray[Any]
 

@@ -19,10 +19,10 @@ import demo
 import inputs
 from meshlab_sofnn import peers as chains
 
-from o3d_sofnn import metrics
 from o3d_sofnn.compare.isolated import call
 from o3d_sofnn.compare.measure import FIGURES, Truth, figures
 from o3d_sofnn.compare.peers import Array
+from o3d_sofnn.geometry import mesh_properties
 
 NOISE = (0.0, 0.005)
 """Of the points, along each axis, in parts of the diagonal."""
@@ -105,11 +105,11 @@ class Comparison:
 def _clouds(file: str, count: int) -> Iterator[tuple[str, Array, Truth]]:
     """Yield names, points and the true surface; a whole path, or a model of the wheel."""
     vertices, triangles, _ = inputs.read_model(file)
-    if not metrics.is_closed(triangles):
+    if not mesh_properties.is_closed(triangles):
         raise ValueError(f"{file}: expected a closed mesh")
-    if metrics.signed_volume(vertices, triangles) < 0:
+    if mesh_properties.signed_volume(vertices, triangles) < 0:
         triangles = triangles[:, ::-1].copy()
-    points, normals = metrics.sample_surface(vertices, triangles, count)
+    points, normals = mesh_properties.sample_surface(vertices, triangles, count)
     cloud = inputs.Cloud(Path(file).stem, points)
     for noise in NOISE:
         noisy = inputs.with_noise(cloud, noise)

@@ -18,18 +18,17 @@ from normals import planes
 from numpy.typing import NDArray
 from truth import Case, Cloud, draw, parser
 
-from o3d_sofnn import learning, pipeline
+from o3d_sofnn import pipeline
 from o3d_sofnn._kernels import KdTree, fit_scales
-from o3d_sofnn.experience import EMPHASIS, INPUTS, shipped
-from o3d_sofnn.local_fit import choose_scale
-from o3d_sofnn.octree import sort_unique
-from o3d_sofnn.rule_base import RuleBase
-from o3d_sofnn.rules import fit_rules, infer_normals
-from o3d_sofnn.scale import refine_scale
+from o3d_sofnn.geometry.vectors import bounds
+from o3d_sofnn.orientation.winding_normals import orient_points
+from o3d_sofnn.rules.inference import infer_normals
+from o3d_sofnn.rules.rule_base import RuleBase, fit_rules
+from o3d_sofnn.rules.trust import EMPHASIS, INPUTS, shipped
+from o3d_sofnn.sampling.cells import sort_unique
+from o3d_sofnn.sampling.scale import choose_scale, refine_scale
+from o3d_sofnn.sampling.typical_data import typical_data
 from o3d_sofnn.training.lessons import draw_pairs, lessons
-from o3d_sofnn.typical_data import typical_data
-from o3d_sofnn.vectors import bounds
-from o3d_sofnn.winding import orient_points
 
 Array = NDArray[np.float64]
 
@@ -108,7 +107,7 @@ def stages(cloud: Cloud) -> Iterator[tuple[str, float]]:
         patch.object(pipeline, "shipped", lambda: None),
         patch.object(pipeline, "leaned", lambda normals, *_: normals),
     ):
-        with patch.object(learning, "revise", lambda rules, *_: rules):
+        with patch("o3d_sofnn.rules.growth.revise", lambda rules, *_: rules):
             error = cloud.error(pipeline.estimate_normals(cloud.points).normals)
             yield "+ growth, combination, adjustment, second fits", error
         error = cloud.error(pipeline.estimate_normals(cloud.points).normals)

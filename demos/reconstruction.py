@@ -83,7 +83,7 @@ def reconstruct(cloud: Cloud, mesh_file: Path | None, options: dict[str, Any]) -
     Result
     """
     import o3d_sofnn
-    from o3d_sofnn import io
+    from o3d_sofnn.files import point_files
 
     pcd = cloud.open3d()
     started = time.perf_counter()
@@ -92,7 +92,7 @@ def reconstruct(cloud: Cloud, mesh_file: Path | None, options: dict[str, Any]) -
     )
     seconds = time.perf_counter() - started
     if mesh_file is not None:
-        io.write_triangle_mesh(mesh_file, mesh)
+        point_files.write_triangle_mesh(mesh_file, mesh)
     return Result(
         cloud,
         details.normals.normals,

@@ -16,10 +16,10 @@ from typing import Any
 import demo
 import numpy as np
 
-from o3d_sofnn import metrics
 from o3d_sofnn.compare import cases
 from o3d_sofnn.compare.isolated import call, peak_mb
 from o3d_sofnn.compare.measure import distances
+from o3d_sofnn.geometry import mesh_properties
 from o3d_sofnn.pipeline import reconstruct_surface
 
 ASKED = 50_000
@@ -88,7 +88,7 @@ def measure(file: Path, count: int | None) -> dict[str, Any]:
         "seconds": seconds,
         "peak_mb": memory,
         "triangles": len(found.triangles),
-        "pieces": metrics.component_labels(found.triangles)[0],
+        "pieces": mesh_properties.component_labels(found.triangles)[0],
         "noise": percent * found.normals.noise_level,
         "distance": percent * float(distance),
         "outliers": 100.0 * float(found.normals.outliers.mean()),

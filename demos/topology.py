@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from truth import Case, draw, parser, read_closed
 
 from o3d_sofnn import _kernels
-from o3d_sofnn.metrics import component_labels, euler_characteristic
+from o3d_sofnn.geometry.mesh_properties import component_labels, euler_characteristic
 from o3d_sofnn.pipeline import reconstruct_surface
 
 Array = NDArray[Any]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn import metrics
+from o3d_sofnn.geometry import mesh_properties
 
 Array = NDArray[Any]
 
@@ -67,7 +67,7 @@ class Cloud:
 
     def angles(self, normals: Array) -> Array:
         """Angles between normals and the true ones at the inliers, in degrees."""
-        return metrics.normal_angles(normals[self.inliers], self.normals[self.inliers])
+        return mesh_properties.normal_angles(normals[self.inliers], self.normals[self.inliers])
 
 
 def parser(
@@ -106,7 +106,7 @@ def read_closed(file: Path) -> tuple[Array, Array]:
     mesh.remove_duplicated_vertices()
     mesh.remove_degenerate_triangles()
     vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
-    if metrics.signed_volume(vertices, triangles) < 0.0:  # some files are wound inwards
+    if mesh_properties.signed_volume(vertices, triangles) < 0.0:  # some files are wound inwards
         triangles = np.ascontiguousarray(triangles[:, ::-1])
     return vertices, triangles
 

@@ -12,14 +12,14 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from o3d_sofnn.clustering import fuzzy_c_means
-    from o3d_sofnn.network import SOFNN
     from o3d_sofnn.operators import (
         NormalDetails,
         SurfaceDetails,
         estimate_normals,
         reconstruct_surface,
     )
+    from o3d_sofnn.sofnn.estimator import SOFNN
+    from o3d_sofnn.sofnn.fuzzy_c_means import fuzzy_c_means
 
     __version__: str
 
@@ -34,11 +34,11 @@ __all__ = [
 ]
 
 _HOME = {
-    "SOFNN": "o3d_sofnn.network",
+    "SOFNN": "o3d_sofnn.sofnn.estimator",
     "NormalDetails": "o3d_sofnn.operators",
     "SurfaceDetails": "o3d_sofnn.operators",
     "estimate_normals": "o3d_sofnn.operators",
-    "fuzzy_c_means": "o3d_sofnn.clustering",
+    "fuzzy_c_means": "o3d_sofnn.sofnn.fuzzy_c_means",
     "reconstruct_surface": "o3d_sofnn.operators",
 }
 

@@ -2,7 +2,7 @@
 
 import sys
 
-from o3d_sofnn.cli import main
+from o3d_sofnn.cli.main import main
 
 if __name__ == "__main__":
     sys.exit(main())

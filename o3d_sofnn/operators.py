@@ -14,10 +14,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from o3d_sofnn import adapters, pipeline, validation
-from o3d_sofnn.attributes import carry
-from o3d_sofnn.pipeline import NormalEstimate, SurfaceEstimate
+from o3d_sofnn.meshing.attributes import carry
 from o3d_sofnn.progress import ProgressBar, ProgressCallback
-from o3d_sofnn.scattering import left_out, scatter_normals, scatter_surface
+from o3d_sofnn.results import (
+    NormalEstimate,
+    SurfaceEstimate,
+    left_out,
+    scatter_normals,
+    scatter_surface,
+)
 
 _logger = logging.getLogger(__name__)
 

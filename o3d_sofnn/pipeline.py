@@ -2,29 +2,39 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import metrics
-from ._kernels import KdTree, vertex_normals
-from .attributes import attribute_weights
-from .clock import STAGES, Clock, Progress
-from .experience import shipped
-from .field import Field
-from .learning import Learned, learn_rules
-from .resolution import choose_cubes
-from .results import NormalEstimate, SurfaceEstimate
-from .rlps import local_surfaces
-from .rules import infer_normals
-from .surface import mesh
-from .validation import affine_rank, thread_count
-from .winding import leaned, turned_to
+from o3d_sofnn._kernels import KdTree, vertex_normals
+from o3d_sofnn.geometry import mesh_properties
+from o3d_sofnn.geometry.vectors import bounds
+from o3d_sofnn.implicit.field import Field
+from o3d_sofnn.implicit.units import local_surfaces
+from o3d_sofnn.meshing.attributes import attribute_weights
+from o3d_sofnn.meshing.mesh import mesh
+from o3d_sofnn.meshing.resolution import choose_cubes
+from o3d_sofnn.orientation.confidence import certainty
+from o3d_sofnn.orientation.sheets import settle
+from o3d_sofnn.orientation.viewpoint import find_sides, leaned, turned_to
+from o3d_sofnn.progress import STAGES, Clock, ProgressCallback
+from o3d_sofnn.results import NormalEstimate, SurfaceEstimate
+from o3d_sofnn.rules.growth import grow
+from o3d_sofnn.rules.inference import infer_normals
+from o3d_sofnn.rules.off_surface import part_from_surface
+from o3d_sofnn.rules.rule_base import RuleBase, fit_rules
+from o3d_sofnn.rules.trust import Experience, shipped
+from o3d_sofnn.sampling.cells import sort_unique
+from o3d_sofnn.sampling.outliers import MANY, part_outliers
+from o3d_sofnn.sampling.scale import Scale, choose_scale, refine_scale
+from o3d_sofnn.sampling.typical_data import typical_data
+from o3d_sofnn.validation import affine_rank, thread_count
 
 __all__ = ["STAGES", "NormalEstimate", "SurfaceEstimate", "estimate_normals", "reconstruct_surface"]
+
 
 Array = NDArray[np.float64]
 
@@ -37,7 +47,7 @@ def estimate_normals(
     viewpoint: Array | None = None,
     towards: Array | None = None,
     n_threads: int = -1,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
 ) -> NormalEstimate:
     """Estimate oriented normals (stages 1 to 6).
 
@@ -91,7 +101,7 @@ def reconstruct_surface(
     max_nn: int | None = None,
     radius: float | None = None,
     n_threads: int = -1,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
 ) -> SurfaceEstimate:
     """Reconstruct a closed surface (stages 1 to 9).
 
@@ -182,7 +192,7 @@ def reconstruct_surface(
         offset_points=surfaces.offset_points,
         voxel_size=voxel_size or size * extent,
         seconds=clock.seconds,
-        watertight=metrics.is_closed(triangles),
+        watertight=mesh_properties.is_closed(triangles),
     )
 
 
@@ -224,3 +234,129 @@ def _facing(viewpoint: Array | None, points: Array, estimate: NormalEstimate) ->
     if viewpoint is None:
         return estimate
     return replace(estimate, normals=turned_to(viewpoint, points, estimate.normals))
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What both operators need: the rule base of a cloud moved and scaled into the unit cube.
+
+    Attributes
+    ----------
+    points : (d, 3) float64
+        Distinct points in Morton order, in the unit cube as all that follows.
+    inverse : (n,) int64
+        Place of each point of the cloud among them.
+    tree : KdTree
+        Over the m inliers.
+    scale : Scale
+        Of the inliers.
+    inliers : (d,) bool
+        False for outliers.
+    sides : (m, 3) float64
+        Unit normals of the inliers, as the winding number or the caller has them.
+    rules : RuleBase
+        Oriented rules.
+    middle, extent : (3,) float64 and float
+        The cloud is ``extent * x + middle``.
+    warnings : tuple of str
+        What a user should look at.
+    """
+
+    points: Array
+    inverse: NDArray[np.int64]
+    tree: KdTree
+    scale: Scale
+    inliers: NDArray[np.bool_]
+    sides: Array
+    rules: RuleBase
+    middle: Array
+    extent: float
+    warnings: tuple[str, ...]
+
+
+def learn_rules(
+    points: Array,
+    normals: Array | None,
+    max_nn: int | None,
+    radius: float | None,
+    viewpoint: Array | None,
+    towards: Array | None,
+    threads: int,
+    clock: Clock,
+    experience: Experience | None,
+) -> Learned:
+    """Learn oriented rules from points: stages 1 to 5.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        Finite, in any unit.
+    normals, max_nn, radius, viewpoint, towards
+        As in :func:`pipeline.reconstruct_surface` and :func:`pipeline.estimate_normals`.
+    threads : int
+        Threads.
+    clock : Clock
+        Told the stages.
+    experience : Experience or None
+        Off-line rules.
+
+    Returns
+    -------
+    Learned
+
+    Raises
+    ------
+    ValueError
+        `points` has fewer than 4 rows, or they are all equal or on one line.
+    """
+    if len(points) < 4:
+        raise ValueError(f"points: at least 4 rows expected, got {len(points)}")
+    if affine_rank(points) < 2:
+        raise ValueError("points are all equal or lie on one line: no surface goes through them")
+    with clock.stage("cells"):
+        low, high = bounds(points)
+        middle, extent = 0.5 * (low + high), float((high - low).max())
+        order, inverse = sort_unique(points)
+        x = np.ascontiguousarray((points[order] - middle) / extent)
+    with clock.stage("scale"):
+        limit = None if radius is None else radius / extent
+        inliers, clean, tree, scale = part_outliers(x, max_nn, limit, threads)
+    with clock.stage("orientation"):
+        sides = find_sides(points, normals, viewpoint, order[inliers], clean, scale, threads)
+        scale = refine_scale(clean, tree, scale, sides, max_nn, limit, threads)
+    rules = _first_rules(clean, tree, scale, sides, threads, clock)
+    with clock.stage("rules"):
+        known = normals is not None or viewpoint is not None
+        warnings: tuple[str, ...] = ()
+        if not known:
+            rules, sides, warnings = settle(rules, sides, clean, towards, threads)
+    many = (~inliers).mean() > MANY
+    if many:
+        with clock.stage("growth"):
+            near = part_from_surface(rules, clean, sides, tree, scale, inliers, threads, experience)
+            clean, sides = clean[near], sides[near]
+            tree = KdTree(clean, threads)
+        with clock.stage("scale"):  # which outliers have disturbed, as the rules around them
+            scale = choose_scale(clean, tree, max_nn, limit, threads)
+            scale = refine_scale(clean, tree, scale, sides, max_nn, limit, threads)
+        rules = _first_rules(clean, tree, scale, sides, threads, clock)
+    with clock.stage("growth"):
+        rules = grow(rules, clean, tree, sides, max_nn, limit, experience, threads)
+        settled = known or towards is not None
+        rules = replace(rules, confidence=certainty(rules, settled, threads))
+        if many:
+            near = part_from_surface(rules, clean, sides, tree, scale, inliers, threads, experience)
+            sides, tree = sides[near], KdTree(clean[near], threads)
+    return Learned(x, inverse, tree, scale, inliers, sides, rules, middle, extent, warnings)
+
+
+def _first_rules(
+    points: Array, tree: KdTree, scale: Scale, sides: Array, threads: int, clock: Clock
+) -> RuleBase:
+    """Draw typical data and fit a rule to each."""
+    with clock.stage("typical data"):
+        centers, facing = typical_data(points, sides, tree, scale, threads)
+        pilot = scale.at(centers, threads)
+        size, noise = scale.n_neighbors[pilot], scale.noise[pilot]
+    with clock.stage("rules"):
+        return fit_rules(points, tree, centers, size, noise, threads, normals=sides, sides=facing)

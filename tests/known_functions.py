@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from o3d_sofnn.adjustment import solve_consequents
-from o3d_sofnn.membership import Neurons, infer
+from o3d_sofnn.sofnn.adjustment import solve_consequents
+from o3d_sofnn.sofnn.neurons import Neurons, infer
 
 
 def peak(x, at, width):

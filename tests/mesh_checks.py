@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from o3d_sofnn import adapters, metrics
+from o3d_sofnn import adapters
+from o3d_sofnn.geometry import mesh_properties
 
 
 def assert_valid_mesh(mesh: Any, triangles: Any = None, *, components: int | None = None) -> None:
@@ -27,13 +28,13 @@ def assert_valid_mesh(mesh: Any, triangles: Any = None, *, components: int | Non
     assert triangles.min() >= 0, "an index is negative"
     assert len(np.unique(triangles)) == len(vertices), "vertices that no triangle uses"
     assert triangles.max() < len(vertices), "an index is too large"
-    assert not metrics.has_repeated_indices(triangles), "a triangle names a vertex twice"
-    open_edges = len(metrics.boundary_edges(triangles))
+    assert not mesh_properties.has_repeated_indices(triangles), "a triangle names a vertex twice"
+    open_edges = len(mesh_properties.boundary_edges(triangles))
     assert open_edges == 0, f"{open_edges} open edges"
-    assert metrics.is_edge_manifold(triangles), "not edge-manifold"
-    assert metrics.is_vertex_manifold(triangles), "not vertex-manifold"
-    assert metrics.is_consistently_wound(triangles), "not consistently wound"
-    assert metrics.signed_volume(vertices, triangles) > 0, "wound inward"
+    assert mesh_properties.is_edge_manifold(triangles), "not edge-manifold"
+    assert mesh_properties.is_vertex_manifold(triangles), "not vertex-manifold"
+    assert mesh_properties.is_consistently_wound(triangles), "not consistently wound"
+    assert mesh_properties.signed_volume(vertices, triangles) > 0, "wound inward"
     if components is not None:
-        found = metrics.component_labels(triangles)[0]
+        found = mesh_properties.component_labels(triangles)[0]
         assert found == components, f"{found} components, expected {components}"

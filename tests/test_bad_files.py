@@ -12,7 +12,9 @@ from pathlib import Path
 import pytest
 import shapes
 
-from o3d_sofnn import adapters, cli, io, operators
+from o3d_sofnn import adapters, operators
+from o3d_sofnn.cli import main
+from o3d_sofnn.files import point_files
 
 o3d = pytest.importorskip("open3d")
 
@@ -20,7 +22,9 @@ o3d = pytest.importorskip("open3d")
 @pytest.fixture
 def scan(tmp_path):
     path = tmp_path / "scan.ply"
-    io.write_point_cloud(path, adapters.make_cloud(adapters.CloudArrays(shapes.sphere().points)))
+    point_files.write_point_cloud(
+        path, adapters.make_cloud(adapters.CloudArrays(shapes.sphere().points))
+    )
     return path
 
 
@@ -51,31 +55,31 @@ def complaint(capfd):
 def test_files_with_unreadable_contents(tmp_path, capfd, name, contents):
     (tmp_path / name).write_bytes(contents)
     with pytest.raises(ValueError, match=name):
-        io.read_point_cloud(tmp_path / name)
+        point_files.read_point_cloud(tmp_path / name)
     assert capfd.readouterr() == ("", "")
 
 
 def test_files_that_are_not_there_or_no_files(tmp_path):
     with pytest.raises(FileNotFoundError):
-        io.read_point_cloud(tmp_path / "none.ply")
+        point_files.read_point_cloud(tmp_path / "none.ply")
     (tmp_path / "folder.ply").mkdir()
     with pytest.raises(IsADirectoryError):
-        io.read_point_cloud(tmp_path / "folder.ply")
+        point_files.read_point_cloud(tmp_path / "folder.ply")
     with pytest.raises(ValueError, match=r"endings .*\.ply.*, got \.doc"):
-        io.read_point_cloud(tmp_path / "letter.doc")
+        point_files.read_point_cloud(tmp_path / "letter.doc")
 
 
 def test_lines_that_hold_no_point_are_counted(tmp_path, caplog):
     points = [f"{x} {y} {x * y}" for x in range(5) for y in range(5)]
     (tmp_path / "scan.xyz").write_text("\n".join(["# x y z", "x y z", "", *points, "1 2"]))
-    assert len(io.read_point_cloud(tmp_path / "scan.xyz").point["positions"]) == 25
+    assert len(point_files.read_point_cloud(tmp_path / "scan.xyz").point["positions"]) == 25
     assert "2 of 27 lines are no points" in caplog.text
 
 
 def test_lines_of_another_format_are_shown(tmp_path):
     (tmp_path / "scan.xyz").write_text("1.5,2.5,3.5\n" * 10)
     with pytest.raises(ValueError, match=r"expected lines 'x y z' .*, got '1.5,2.5,3.5'"):
-        io.read_point_cloud(tmp_path / "scan.xyz")
+        point_files.read_point_cloud(tmp_path / "scan.xyz")
 
 
 @pytest.mark.parametrize("command", ["normals", "reconstruct"])
@@ -86,7 +90,7 @@ def test_the_command_line_says_what_is_wrong_with_the_file(tmp_path, capfd, comm
         (tmp_path / file).write_text("nonsense")
     (tmp_path / "empty.xyz").touch()
     output = tmp_path / "out.ply"
-    assert cli.main([command, str(tmp_path / name), str(output)]) == cli.BAD_INPUT
+    assert main.main([command, str(tmp_path / name), str(output)]) == main.BAD_INPUT
     assert name in complaint(capfd)
     assert not output.exists()
 
@@ -96,8 +100,8 @@ def test_a_file_without_permission(tmp_path, capfd, monkeypatch, scan):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(self))
 
     # Real permissions do not stop root, as whom tests run in containers.
-    monkeypatch.setattr(io.readers, "read_with_open3d", lambda path: refuse(path))
-    assert cli.main(["normals", str(scan), str(tmp_path / "out.ply")]) == cli.BAD_INPUT
+    monkeypatch.setattr(point_files.readers, "read_with_open3d", lambda path: refuse(path))
+    assert main.main(["normals", str(scan), str(tmp_path / "out.ply")]) == main.BAD_INPUT
     assert "Permission denied" in complaint(capfd)
 
 
@@ -119,7 +123,7 @@ def test_a_read_only_folder(tmp_path, capfd, monkeypatch, scan):
 
     monkeypatch.setattr(Path, "open", read_only)
     output = tmp_path / "out.ply"
-    assert cli.main(["normals", str(scan), str(output)]) == cli.FAILURE
+    assert main.main(["normals", str(scan), str(output)]) == main.FAILURE
     line = complaint(capfd)
     assert "Read-only file system" in line
     assert str(output) in line
@@ -128,7 +132,7 @@ def test_a_read_only_folder(tmp_path, capfd, monkeypatch, scan):
 @pytest.mark.usefixtures("no_work")
 @pytest.mark.parametrize("place", ["scan.ply/out.ply", "none/out.ply"])
 def test_a_folder_that_is_none(tmp_path, capfd, scan, place):
-    assert cli.main(["normals", str(scan), str(tmp_path / place)]) == cli.FAILURE
+    assert main.main(["normals", str(scan), str(tmp_path / place)]) == main.FAILURE
     assert complaint(capfd).startswith(f"o3d-sofnn: error: {tmp_path / place}: No")
 
 
@@ -137,7 +141,7 @@ def test_a_folder_that_is_none(tmp_path, capfd, scan, place):
 @pytest.mark.parametrize("command", ["normals", "reconstruct"])
 def test_an_output_of_the_wrong_kind(tmp_path, capfd, scan, command, name):
     (tmp_path / "folder.ply").mkdir()
-    assert cli.main([command, str(scan), str(tmp_path / name)]) == cli.BAD_INPUT
+    assert main.main([command, str(scan), str(tmp_path / name)]) == main.BAD_INPUT
     assert name in complaint(capfd)
 
 
@@ -158,7 +162,7 @@ def test_a_full_disk_leaves_the_output_as_it_was(tmp_path, scan, ending, old):
         cwd=tmp_path,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
     )
-    assert process.returncode == cli.FAILURE, process.stderr
+    assert process.returncode == main.FAILURE, process.stderr
     assert process.stderr.count("\n") == 1
     assert str(output) in process.stderr
     assert sorted(tmp_path.iterdir()) == before
@@ -172,6 +176,6 @@ def test_a_full_disk_leaves_no_half_mesh(tmp_path, scan, ending, capfd, monkeypa
 
     monkeypatch.setattr(os, "fsync", full)
     output = tmp_path / f"out{ending}"
-    assert cli.main(["reconstruct", str(scan), str(output)]) == cli.FAILURE
+    assert main.main(["reconstruct", str(scan), str(output)]) == main.FAILURE
     assert "No space left on device" in complaint(capfd)
     assert list(tmp_path.iterdir()) == [scan]

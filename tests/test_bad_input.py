@@ -8,7 +8,8 @@ import shapes
 from mesh_checks import assert_valid_mesh
 
 import o3d_sofnn
-from o3d_sofnn import adapters, metrics
+from o3d_sofnn import adapters
+from o3d_sofnn.geometry import mesh_properties
 
 o3d = pytest.importorskip("open3d")
 
@@ -150,7 +151,7 @@ def test_coplanar_points_give_an_open_mesh_with_trim(family, make_cloud):
     vertices, triangles = adapters.read_mesh(mesh)
     assert np.abs(vertices.points[:, 2]).max() < 0.02
     # The sheet may reach beyond the outermost points by two spacings on every side.
-    area = metrics.triangle_areas(vertices.points, triangles).sum()
+    area = mesh_properties.triangle_areas(vertices.points, triangles).sum()
     assert 0.95 < area < (1.0 + 4.0 / np.sqrt(N)) ** 2
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from o3d_sofnn.chords import balance_chords
-from o3d_sofnn.metrics import signed_volume
-from o3d_sofnn.surface import extract
+from o3d_sofnn.geometry.mesh_properties import signed_volume
+from o3d_sofnn.meshing.extraction import extract
+from o3d_sofnn.meshing.relaxation import balance_chords
 
 SEEDS = np.concatenate([np.eye(3), -np.eye(3)])
 

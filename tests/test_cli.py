@@ -14,7 +14,7 @@ import shapes
 from mesh_checks import assert_valid_mesh
 
 import o3d_sofnn
-from o3d_sofnn import cli
+from o3d_sofnn.cli import main
 
 o3d = pytest.importorskip("open3d")
 
@@ -44,7 +44,7 @@ def scan(tmp_path):
 
 def test_normals_are_those_of_the_function_bit_for_bit(tmp_path, scan):
     output = tmp_path / "out.ply"
-    assert cli.main(["normals", str(scan), str(output)]) == 0
+    assert main.main(["normals", str(scan), str(output)]) == 0
     by_hand = o3d_sofnn.estimate_normals(o3d.io.read_point_cloud(str(scan)))
     result = o3d.io.read_point_cloud(str(output))
     assert np.array_equal(np.asarray(result.points), np.asarray(by_hand.points))
@@ -54,7 +54,7 @@ def test_normals_are_those_of_the_function_bit_for_bit(tmp_path, scan):
 
 def test_the_mesh_is_that_of_the_function_bit_for_bit(tmp_path, scan):
     output = tmp_path / "out.ply"
-    assert cli.main(["reconstruct", str(scan), str(output)]) == 0
+    assert main.main(["reconstruct", str(scan), str(output)]) == 0
     by_hand = o3d_sofnn.reconstruct_surface(o3d.io.read_point_cloud(str(scan)))
     result = o3d.io.read_triangle_mesh(str(output))
     assert_valid_mesh(result, components=1)
@@ -81,22 +81,22 @@ def test_options_reach_the_functions(tmp_path, scan, monkeypatch):
     monkeypatch.setattr(operators, "reconstruct_surface", record("mesh"))
     out = str(tmp_path / "out.ply")
     common = [str(scan), out, "--max-nn", "40", "--radius", "0.5", "--threads", "2"]
-    cli.main(["normals", *common, "--viewpoint", "0", "-1.5", "2e3"])
+    main.main(["normals", *common, "--viewpoint", "0", "-1.5", "2e3"])
     assert seen["normals"]["viewpoint"] == [0.0, -1.5, 2000.0]
     assert seen["normals"]["towards"] is None
-    cli.main(["normals", *common, "--towards", "0", "0", "1"])
+    main.main(["normals", *common, "--towards", "0", "0", "1"])
     assert seen["normals"]["towards"] == [0.0, 0.0, 1.0]
     assert seen["normals"]["n_threads"] == 2
-    cli.main(["reconstruct", *common, "--depth", "7", "--trim", "0.3", "--use-normals"])
+    main.main(["reconstruct", *common, "--depth", "7", "--trim", "0.3", "--use-normals"])
     mesh = seen["mesh"]
     assert (mesh["depth"], mesh["voxel_size"], mesh["trim"]) == (7, None, 0.3)
     assert mesh["use_normals"] is True
     assert (mesh["search_param"].max_nn, mesh["search_param"].radius) == (40, 0.5)
-    cli.main(["reconstruct", *common, "--voxel-size", "0.25"])
+    main.main(["reconstruct", *common, "--voxel-size", "0.25"])
     assert seen["mesh"]["voxel_size"] == 0.25
-    cli.main(["reconstruct", *common, "--towards", "0", "0", "1"])
+    main.main(["reconstruct", *common, "--towards", "0", "0", "1"])
     assert (seen["mesh"]["towards"], seen["mesh"]["viewpoint"]) == ([0.0, 0.0, 1.0], None)
-    cli.main(["reconstruct", *common, "--viewpoint", "1", "2", "3"])
+    main.main(["reconstruct", *common, "--viewpoint", "1", "2", "3"])
     assert seen["mesh"]["viewpoint"] == [1.0, 2.0, 3.0]
 
 
@@ -107,12 +107,12 @@ def test_las_in_utm_coordinates(tmp_path):
     data.header.offsets, data.header.scales = shape.points[0], [0.001] * 3
     data.x, data.y, data.z = shape.points.T
     data.write(tmp_path / "scan.laz")
-    assert cli.main(["normals", str(tmp_path / "scan.laz"), str(tmp_path / "out.laz")]) == 0
+    assert main.main(["normals", str(tmp_path / "scan.laz"), str(tmp_path / "out.laz")]) == 0
     back = laspy.read(tmp_path / "out.laz")
     assert np.array_equal(back.X, data.X)
     normals = np.stack([back[f"Normal{axis}"] for axis in "XYZ"], axis=1)
     assert (np.einsum("ij,ij->i", normals, shape.normals) > 0.7).all()
-    assert cli.main(["reconstruct", str(tmp_path / "scan.laz"), str(tmp_path / "out.ply")]) == 0
+    assert main.main(["reconstruct", str(tmp_path / "scan.laz"), str(tmp_path / "out.ply")]) == 0
     mesh = o3d.io.read_triangle_mesh(str(tmp_path / "out.ply"))
     radii = np.linalg.norm(np.asarray(mesh.vertices) - [5e5, 4.9e6, 100.0], axis=1)
     assert np.abs(radii - 10.0).max() < 0.5
@@ -121,18 +121,18 @@ def test_las_in_utm_coordinates(tmp_path):
 def test_the_vertices_of_a_mesh_file_are_points(tmp_path):
     sphere = o3d.geometry.TriangleMesh.create_sphere(resolution=30)
     o3d.io.write_triangle_mesh(str(tmp_path / "scan.obj"), sphere)
-    assert cli.main(["reconstruct", str(tmp_path / "scan.obj"), str(tmp_path / "out.obj")]) == 0
+    assert main.main(["reconstruct", str(tmp_path / "scan.obj"), str(tmp_path / "out.obj")]) == 0
     assert_valid_mesh(o3d.io.read_triangle_mesh(str(tmp_path / "out.obj")), components=1)
 
 
 def test_the_output_may_be_the_input(scan):
-    assert cli.main(["normals", str(scan), str(scan)]) == 0
+    assert main.main(["normals", str(scan), str(scan)]) == 0
     assert o3d.io.read_point_cloud(str(scan)).has_normals()
 
 
 def test_the_report_of_the_mesh(tmp_path, scan):
     output, destination = tmp_path / "out.ply", tmp_path / "report.json"
-    assert cli.main(["reconstruct", str(scan), str(output), "--json", str(destination)]) == 0
+    assert main.main(["reconstruct", str(scan), str(output), "--json", str(destination)]) == 0
     report = json.loads(destination.read_text())
     mesh = o3d.io.read_triangle_mesh(str(output))
     assert report["points"] == N
@@ -147,7 +147,7 @@ def test_the_report_of_the_mesh(tmp_path, scan):
 
 
 def test_the_report_on_the_screen_is_nothing_but_json(tmp_path, scan, capfd):
-    assert cli.main(["normals", str(scan), str(tmp_path / "out.ply"), "--json", "-"]) == 0
+    assert main.main(["normals", str(scan), str(tmp_path / "out.ply"), "--json", "-"]) == 0
     out, err = capfd.readouterr()
     report = json.loads(out)
     assert err == ""
@@ -160,7 +160,7 @@ def test_rows_that_are_not_finite_are_in_the_report(tmp_path, capfd):
     shape = shapes.sphere(N)
     shape.points[7] = np.nan
     scan = write_scan(tmp_path / "scan.ply", shape)
-    assert cli.main(["normals", str(scan), str(tmp_path / "out.ply"), "--json", "-"]) == 0
+    assert main.main(["normals", str(scan), str(tmp_path / "out.ply"), "--json", "-"]) == 0
     out, err = capfd.readouterr()
     report = json.loads(out)
     assert "1 of 1500" in report["warnings"][-1]
@@ -175,7 +175,7 @@ def test_rows_that_are_not_finite_are_in_the_report(tmp_path, capfd):
 @pytest.mark.parametrize("command", ["normals", "reconstruct"])
 def test_progress_lines(tmp_path, scan, capfd, command):
     arguments = [command, str(scan), str(tmp_path / "out.ply"), "--progress", "plain"]
-    assert cli.main(arguments) == 0
+    assert main.main(arguments) == 0
     out, err = capfd.readouterr()
     lines = out.splitlines()
     assert err == ""
@@ -190,13 +190,13 @@ def test_progress_lines(tmp_path, scan, capfd, command):
 @pytest.mark.parametrize("mode", ["auto", "none"])
 def test_nothing_is_said_off_a_terminal(tmp_path, scan, capfd, mode):
     arguments = ["normals", str(scan), str(tmp_path / "out.ply"), "--progress", mode]
-    assert cli.main(arguments) == 0
+    assert main.main(arguments) == 0
     assert capfd.readouterr() == ("", "")
 
 
 def test_a_bar_on_request(tmp_path, scan, capfd):
     arguments = ["normals", str(scan), str(tmp_path / "out.ply"), "--progress", "bar"]
-    assert cli.main(arguments) == 0
+    assert main.main(arguments) == 0
     out, err = capfd.readouterr()
     assert out == ""
     assert "100 %" in err
@@ -219,8 +219,8 @@ def test_a_bar_on_request(tmp_path, scan, capfd):
 )
 def test_wrong_arguments_are_one_line_and_code_2(capfd, arguments):
     with pytest.raises(SystemExit) as caught:
-        cli.main(arguments)
-    assert caught.value.code == cli.BAD_INPUT
+        main.main(arguments)
+    assert caught.value.code == main.BAD_INPUT
     out, err = capfd.readouterr()
     assert out == ""
     assert err.startswith("o3d-sofnn: error: ")
@@ -233,7 +233,7 @@ def test_wrong_arguments_are_one_line_and_code_2(capfd, arguments):
 )
 def test_options_out_of_range_are_one_line_and_code_2(tmp_path, scan, capfd, options):
     arguments = ["normals", str(scan), str(tmp_path / "out.ply"), *options]
-    assert cli.main(arguments) == cli.BAD_INPUT
+    assert main.main(arguments) == main.BAD_INPUT
     out, err = capfd.readouterr()
     assert out == ""
     assert re.match(rf"o3d-sofnn: error: {options[0]}: expected .*got", err)
@@ -244,7 +244,7 @@ def test_options_out_of_range_are_one_line_and_code_2(tmp_path, scan, capfd, opt
 def test_points_without_extent_are_one_line_and_code_2(tmp_path, capfd, command):
     (tmp_path / "scan.xyz").write_text("1 2 3\n" * 50)
     arguments = [command, str(tmp_path / "scan.xyz"), str(tmp_path / "out.ply")]
-    assert cli.main(arguments) == cli.BAD_INPUT
+    assert main.main(arguments) == main.BAD_INPUT
     err = capfd.readouterr().err
     assert err.startswith(f"o3d-sofnn: error: {tmp_path / 'scan.xyz'}: points are all equal")
 
@@ -257,7 +257,7 @@ def test_version_and_help(tmp_path):
 
 def test_importing_the_package_is_cheap(tmp_path):
     code = (
-        "import sys, o3d_sofnn, o3d_sofnn.cli\n"
+        "import sys, o3d_sofnn, o3d_sofnn.cli.main\n"
         "print([name for name in ('open3d', 'scipy', 'numpy', 'igl') if name in sys.modules])"
     )
     assert run([sys.executable, "-c", code], tmp_path) == "[]\n"
@@ -292,7 +292,7 @@ def test_ctrl_c_leaves_no_half_file(tmp_path, command):
                 break
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=120)
-    assert process.returncode == cli.INTERRUPTED, err
+    assert process.returncode == main.INTERRUPTED, err
     assert err == "o3d-sofnn: error: interrupted\n"
     assert sorted(tmp_path.iterdir()) == before
     assert output.read_bytes() == b"old"

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from o3d_sofnn import clustering
-from o3d_sofnn.clustering import fuzzy_c_means, partition_memberships
+from o3d_sofnn.sofnn import fuzzy_c_means as clustering
+from o3d_sofnn.sofnn.fuzzy_c_means import fuzzy_c_means, partition_memberships
 
 seeds = st.integers(0, 10_000)
 

@@ -16,7 +16,7 @@ import pytest
 import shapes
 from report_page import Page, read_csv
 
-from o3d_sofnn import cli
+from o3d_sofnn.cli import main
 from o3d_sofnn.compare import isolated
 from o3d_sofnn.compare.measure import FIGURES
 
@@ -46,7 +46,7 @@ def compared(
     out = tmp_path_factory.mktemp("compared")
     small = ["--quick", "--points", "900", "--sizes", "400", "--noise", "0", "1"]
     arguments = [*map(str, inputs), "--out", str(out), *small, "--methods", *METHODS]
-    assert cli.main(["compare", *arguments]) == 1  # a file was missing
+    assert main.main(["compare", *arguments]) == 1  # a file was missing
     return out, read_csv(out / "results.csv"), Page(out / "report.html")
 
 
@@ -195,7 +195,7 @@ def test_ctrl_c_leaves_a_report_on_what_was_finished(inputs, tmp_path, monkeypat
 
     monkeypatch.setattr(run, "call", interrupt)
     options = ["--out", str(tmp_path), "--quick", "--methods", "open3d_alpha_shape", "ours"]
-    assert cli.main(["compare", str(inputs[0]), *options]) == cli.INTERRUPTED
+    assert main.main(["compare", str(inputs[0]), *options]) == main.INTERRUPTED
     assert [row["method"] for row in read_csv(tmp_path / "results.csv")] == ["open3d_alpha_shape"]
     assert "Interrupted" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
@@ -226,14 +226,14 @@ def test_sigterm_ends_the_process_of_a_method_too(tmp_path):
             time.sleep(0.05)
         process.send_signal(signal.SIGTERM)
         _, err = process.communicate(timeout=60)
-    assert process.returncode == cli.INTERRUPTED, err
+    assert process.returncode == main.INTERRUPTED, err
     assert "interrupted" in err
     assert not any(child.exists() for child in started)
 
 
 def test_a_method_that_takes_too_long_is_a_failure_with_a_message(inputs, tmp_path):
     options = ["--out", str(tmp_path), "--quick", "--methods", "open3d_alpha_shape"]
-    code = cli.main(["compare", str(inputs[0]), *options, "--sizes", "--timeout", "0.01"])
+    code = main.main(["compare", str(inputs[0]), *options, "--sizes", "--timeout", "0.01"])
     assert code == 0  # ours did not fail
     (row,) = read_csv(tmp_path / "results.csv")
     assert row["error"].startswith("stopped after")
@@ -251,10 +251,10 @@ def test_a_method_that_takes_too_long_is_a_failure_with_a_message(inputs, tmp_pa
 def test_bad_options_are_one_line_and_code_2(inputs, tmp_path, capfd, options, message):
     arguments = ["compare", str(inputs[0]), "--out", str(tmp_path), *options]
     try:
-        code = cli.main(arguments)
+        code = main.main(arguments)
     except SystemExit as stop:
         code = stop.code
-    assert code == cli.BAD_INPUT
+    assert code == main.BAD_INPUT
     err = capfd.readouterr().err
     assert message in err
     assert err.count("\n") == 1

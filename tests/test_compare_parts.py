@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import shapes
 
-from o3d_sofnn import metrics
 from o3d_sofnn.compare import cases, charts, command, measure, peers, report
+from o3d_sofnn.geometry import mesh_properties
 
 o3d = pytest.importorskip("open3d")
 
@@ -21,7 +21,7 @@ def test_a_closed_mesh_is_a_model_with_outward_triangles(tmp_path):
     o3d.io.write_triangle_mesh(str(tmp_path / "ball.stl"), ball.compute_triangle_normals())
     model = cases.read(tmp_path / "ball.stl")
     assert isinstance(model, cases.Model)
-    assert metrics.signed_volume(model.vertices, model.triangles) > 0
+    assert mesh_properties.signed_volume(model.vertices, model.triangles) > 0
     assert isinstance(cases.read(tmp_path / "ball.stl", clouds_only=True), np.ndarray)
     sheet = o3d.geometry.TriangleMesh(ball)
     sheet.triangles = o3d.utility.Vector3iVector(np.asarray(ball.triangles)[:-4])

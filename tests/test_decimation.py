@@ -8,8 +8,9 @@ from mesh_checks import assert_valid_mesh
 from shapes import plane_patch, torus
 
 import o3d_sofnn
-from o3d_sofnn import adapters, metrics
-from o3d_sofnn.decimation import decimate
+from o3d_sofnn import adapters
+from o3d_sofnn.geometry import mesh_properties
+from o3d_sofnn.meshing.mesh import decimate
 from o3d_sofnn.pipeline import reconstruct_surface
 
 
@@ -24,7 +25,7 @@ def test_a_ring_stays_a_ring_and_where_it_was(ring, share):
     vertices, triangles, source = decimate(ring.vertices, ring.triangles, target)
     assert target - 1 <= len(triangles) <= target
     assert_valid_mesh(vertices, triangles, components=1)
-    assert metrics.euler_characteristic(triangles) == 0
+    assert mesh_properties.euler_characteristic(triangles) == 0
     assert source.shape == (len(vertices),)
     from_axis = np.hypot(*vertices[:, :2].T) - 1.0
     assert abs(np.hypot(from_axis, vertices[:, 2]) - 0.4).max() < 0.02
@@ -33,7 +34,7 @@ def test_a_ring_stays_a_ring_and_where_it_was(ring, share):
 def test_as_few_as_the_topology_needs(ring):
     vertices, triangles, _ = decimate(ring.vertices, ring.triangles, 1)
     assert_valid_mesh(vertices, triangles, components=1)
-    assert metrics.euler_characteristic(triangles) == 0
+    assert mesh_properties.euler_characteristic(triangles) == 0
 
 
 def test_enough_is_left_alone(ring):
@@ -47,8 +48,8 @@ def test_open_sheets_too():
     points = plane_patch(2000).points
     surface = reconstruct_surface(points, trim="auto", target_triangles=500)
     assert 499 <= len(surface.triangles) <= 500
-    assert metrics.is_vertex_manifold(surface.triangles)
-    assert metrics.euler_characteristic(surface.triangles) == 1
+    assert mesh_properties.is_vertex_manifold(surface.triangles)
+    assert mesh_properties.euler_characteristic(surface.triangles) == 1
     assert len(surface.confidence) == len(surface.vertex_normals) == len(surface.vertices)
 
 

@@ -7,10 +7,10 @@ import pytest
 from mesh_checks import assert_valid_mesh
 
 from o3d_sofnn import reference
-from o3d_sofnn.grid import AdaptiveGrid, unpack
-from o3d_sofnn.marching_cubes import marching_cubes
+from o3d_sofnn.meshing.extraction import extract
+from o3d_sofnn.meshing.grid import AdaptiveGrid, unpack
+from o3d_sofnn.meshing.marching_cubes import marching_cubes
 from o3d_sofnn.reference.grid import contains, distinct, halve, pack
-from o3d_sofnn.surface import extract
 
 
 def random_grid(seed):

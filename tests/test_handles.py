@@ -7,10 +7,11 @@ import pytest
 from mesh_checks import assert_valid_mesh
 from shapes import sphere, torus
 
-from o3d_sofnn import _kernels, metrics, reference
-from o3d_sofnn.handles import open_handles
-from o3d_sofnn.relaxation import relax
-from o3d_sofnn.surface import extract
+from o3d_sofnn import _kernels, reference
+from o3d_sofnn.geometry import mesh_properties
+from o3d_sofnn.meshing.extraction import extract
+from o3d_sofnn.meshing.handles import open_handles
+from o3d_sofnn.meshing.relaxation import relax
 
 SIZE = 0.05
 
@@ -42,7 +43,7 @@ def extracted(function, seeds):
 
 
 def genus(triangles):
-    return 1 - metrics.euler_characteristic(triangles) // 2
+    return 1 - mesh_properties.euler_characteristic(triangles) // 2
 
 
 @pytest.mark.parametrize("number", [0, 1, 5])

@@ -9,7 +9,8 @@ import stat
 import numpy as np
 import pytest
 
-from o3d_sofnn import adapters, io
+from o3d_sofnn import adapters
+from o3d_sofnn.files import point_files
 
 UTM = np.array([5e5, 4.9e6, 100.0])
 
@@ -54,16 +55,16 @@ def las_file(path, points, **dimensions):
 
 @pytest.mark.parametrize("ending", [".ply", ".npz", ".xyzn"])
 def test_clouds_keep_every_digit(tmp_path, cloud, ending):
-    io.write_point_cloud(tmp_path / f"cloud{ending}", cloud)
-    back = io.read_point_cloud(tmp_path / f"cloud{ending}")
+    point_files.write_point_cloud(tmp_path / f"cloud{ending}", cloud)
+    back = point_files.read_point_cloud(tmp_path / f"cloud{ending}")
     assert np.array_equal(back.point.positions.numpy(), cloud.point.positions.numpy())
     assert np.array_equal(back.point.normals.numpy(), cloud.point.normals.numpy())
 
 
 @pytest.mark.parametrize("ending", [".ply", ".npz"])
 def test_attributes_survive(tmp_path, cloud, ending):
-    io.write_point_cloud(tmp_path / f"cloud{ending}", cloud)
-    back = io.read_point_cloud(tmp_path / f"cloud{ending}")
+    point_files.write_point_cloud(tmp_path / f"cloud{ending}", cloud)
+    back = point_files.read_point_cloud(tmp_path / f"cloud{ending}")
     for name in ("colors", "intensity", "label"):
         assert back.point[name].dtype == cloud.point[name].dtype
         assert np.array_equal(back.point[name].numpy(), cloud.point[name].numpy())
@@ -75,8 +76,8 @@ def test_attributes_that_ply_has_no_type_for(tmp_path, cloud):
     stored.attributes["far id"] = np.arange(n)[:, np.newaxis] + 2**40
     stored.attributes["seen"] = (np.arange(n) % 2 == 0)[:, np.newaxis]
     stored.attributes["uv"] = np.random.default_rng(0).random((n, 2))
-    io.write_point_cloud(tmp_path / "cloud.ply", adapters.make_cloud(stored))
-    back = io.read_point_cloud(tmp_path / "cloud.ply").point
+    point_files.write_point_cloud(tmp_path / "cloud.ply", adapters.make_cloud(stored))
+    back = point_files.read_point_cloud(tmp_path / "cloud.ply").point
     assert np.array_equal(back["far_id"].numpy(), stored.attributes["far id"])
     assert np.array_equal(back["seen"].numpy(), stored.attributes["seen"])
     assert np.array_equal(back["uv_1"].numpy()[:, 0], stored.attributes["uv"][:, 1])
@@ -84,7 +85,7 @@ def test_attributes_that_ply_has_no_type_for(tmp_path, cloud):
 
 def test_open3d_reads_the_ply_as_it_is(tmp_path, cloud):
     o3d = pytest.importorskip("open3d")
-    io.write_point_cloud(tmp_path / "cloud.ply", cloud)
+    point_files.write_point_cloud(tmp_path / "cloud.ply", cloud)
     legacy = o3d.io.read_point_cloud(str(tmp_path / "cloud.ply"))
     assert np.array_equal(np.asarray(legacy.points), cloud.point.positions.numpy())
     assert np.array_equal(np.asarray(legacy.normals), cloud.point.normals.numpy())
@@ -92,9 +93,9 @@ def test_open3d_reads_the_ply_as_it_is(tmp_path, cloud):
 
 
 def test_pcd_says_that_it_rounds(tmp_path, cloud, caplog):
-    io.write_point_cloud(tmp_path / "cloud.pcd", cloud)
+    point_files.write_point_cloud(tmp_path / "cloud.pcd", cloud)
     assert "single precision" in caplog.text
-    back = io.read_point_cloud(tmp_path / "cloud.pcd")
+    back = point_files.read_point_cloud(tmp_path / "cloud.pcd")
     single = cloud.point.positions.numpy().astype(np.float32)
     assert np.array_equal(back.point.positions.numpy(), single)
     assert np.array_equal(back.point.colors.numpy(), cloud.point.colors.numpy())
@@ -107,32 +108,34 @@ def test_las_to_las_keeps_everything_in_double(tmp_path, ending):
     points = UTM + np.round(rng.uniform(0.0, 30.0, (100, 3)), 3)
     source = tmp_path / f"in{ending}"
     las_file(source, points, red=np.arange(100) * 600, classification=np.arange(100) % 20)
-    cloud = io.read_point_cloud(source)
+    cloud = point_files.read_point_cloud(source)
     assert np.abs(cloud.point.positions.numpy() - points).max() < 1e-8
     assert np.array_equal(cloud.point.colors.numpy()[:, 0], np.arange(100) * 600)
     normals = rng.normal(size=points.shape)
     adapters.write_normals(cloud, normals)
-    io.write_point_cloud(tmp_path / f"out{ending}", cloud, template=source)
+    point_files.write_point_cloud(tmp_path / f"out{ending}", cloud, template=source)
 
     before, after = laspy.read(source), laspy.read(tmp_path / f"out{ending}")
     for name in before.point_format.dimension_names:
         assert np.array_equal(np.asarray(before[name]), np.asarray(after[name])), name
     assert np.array_equal(before.header.scales, after.header.scales)
-    back = io.read_point_cloud(tmp_path / f"out{ending}")
+    back = point_files.read_point_cloud(tmp_path / f"out{ending}")
     assert np.array_equal(back.point.positions.numpy(), cloud.point.positions.numpy())
     assert np.array_equal(back.point.normals.numpy(), normals)
     assert np.array_equal(back.point.colors.numpy(), cloud.point.colors.numpy())
     # A second run replaces the normals instead of adding more dimensions.
     adapters.write_normals(back, -normals)
-    io.write_point_cloud(tmp_path / f"out{ending}", back, template=tmp_path / f"out{ending}")
-    again = io.read_point_cloud(tmp_path / f"out{ending}")
+    point_files.write_point_cloud(
+        tmp_path / f"out{ending}", back, template=tmp_path / f"out{ending}"
+    )
+    again = point_files.read_point_cloud(tmp_path / f"out{ending}")
     assert np.array_equal(again.point.normals.numpy(), -normals)
 
 
 def test_a_new_las_is_finer_than_a_micrometre(tmp_path, cloud):
     pytest.importorskip("laspy")
-    io.write_point_cloud(tmp_path / "cloud.laz", cloud)
-    back = io.read_point_cloud(tmp_path / "cloud.laz")
+    point_files.write_point_cloud(tmp_path / "cloud.laz", cloud)
+    back = point_files.read_point_cloud(tmp_path / "cloud.laz")
     difference = back.point.positions.numpy() - cloud.point.positions.numpy()
     assert np.abs(difference).max() < 1e-6
     assert np.array_equal(back.point.colors.numpy(), cloud.point.colors.numpy().astype(int) * 257)
@@ -144,10 +147,12 @@ def test_las_refuses_what_it_cannot_hold(tmp_path, cloud):
     positions[3, 1] = np.nan
     broken = adapters.make_cloud(adapters.CloudArrays(positions))
     with pytest.raises(ValueError, match="finite"):
-        io.write_point_cloud(tmp_path / "cloud.las", broken)
+        point_files.write_point_cloud(tmp_path / "cloud.las", broken)
     las_file(tmp_path / "other.las", UTM + np.zeros((7, 3)))
     with pytest.raises(ValueError, match="7 points"):
-        io.write_point_cloud(tmp_path / "cloud.las", cloud, template=tmp_path / "other.las")
+        point_files.write_point_cloud(
+            tmp_path / "cloud.las", cloud, template=tmp_path / "other.las"
+        )
     assert [path.name for path in tmp_path.iterdir()] == ["other.las"]
 
 
@@ -157,14 +162,14 @@ def test_a_las_cut_short_is_refused(tmp_path, keep):
     whole = (tmp_path / "in.las").read_bytes()
     (tmp_path / "cut.las").write_bytes(whole[:keep])
     with pytest.raises(ValueError, match=r"cut\.las"):
-        io.read_point_cloud(tmp_path / "cut.las")
+        point_files.read_point_cloud(tmp_path / "cut.las")
 
 
 @pytest.mark.parametrize("ending", [".ply", ".obj", ".off", ".stl"])
 def test_open3d_reads_the_meshes(tmp_path, mesh, ending):
     o3d = pytest.importorskip("open3d")
     mesh.translate(-UTM)
-    io.write_triangle_mesh(tmp_path / f"mesh{ending}", mesh)
+    point_files.write_triangle_mesh(tmp_path / f"mesh{ending}", mesh)
     back = o3d.io.read_triangle_mesh(str(tmp_path / f"mesh{ending}"))
     assert len(back.triangles) == len(mesh.triangles)
     corners = [np.asarray(m.vertices)[np.asarray(m.triangles)] for m in (back, mesh)]
@@ -176,13 +181,13 @@ def test_open3d_reads_the_meshes(tmp_path, mesh, ending):
 def test_meshes_keep_every_digit(tmp_path, mesh):
     o3d = pytest.importorskip("open3d")
     vertices = np.asarray(mesh.vertices)
-    io.write_triangle_mesh(tmp_path / "mesh.ply", mesh)
+    point_files.write_triangle_mesh(tmp_path / "mesh.ply", mesh)
     back = o3d.io.read_triangle_mesh(str(tmp_path / "mesh.ply"))
     assert np.array_equal(np.asarray(back.vertices), vertices)
     assert np.array_equal(np.asarray(back.triangles), np.asarray(mesh.triangles))
     assert np.array_equal(np.asarray(back.vertex_normals), np.asarray(mesh.vertex_normals))
     assert np.allclose(np.asarray(back.vertex_colors), np.asarray(mesh.vertex_colors))
-    io.write_triangle_mesh(tmp_path / "mesh.obj", mesh)
+    point_files.write_triangle_mesh(tmp_path / "mesh.obj", mesh)
     lines = (tmp_path / "mesh.obj").read_text().splitlines()
     numbers = [line.split()[1:4] for line in lines if line.startswith("v ")]
     assert np.array_equal(np.array(numbers, dtype=float), vertices)
@@ -191,7 +196,7 @@ def test_meshes_keep_every_digit(tmp_path, mesh):
 def test_text_keeps_double_precision_on_reading(tmp_path):
     pytest.importorskip("open3d")
     (tmp_path / "cloud.xyz").write_text("500000.125 4900000.0625 1.5\n" * 3)
-    cloud = io.read_point_cloud(tmp_path / "cloud.xyz")
+    cloud = point_files.read_point_cloud(tmp_path / "cloud.xyz")
     assert cloud.point.positions.numpy()[2].tolist() == [500000.125, 4900000.0625, 1.5]
 
 
@@ -200,7 +205,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
     target.write_bytes(b"old")
 
     def interrupted():
-        with io.open_atomic(target) as stream:
+        with point_files.open_atomic(target) as stream:
             stream.write(b"half")
             raise KeyboardInterrupt
 
@@ -218,7 +223,10 @@ def test_a_full_disk_at_the_last_moment_leaves_the_old_file(tmp_path, monkeypatc
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OSError, match="No space left") as caught, io.open_atomic(target) as stream:
+    with (
+        pytest.raises(OSError, match="No space left") as caught,
+        point_files.open_atomic(target) as stream,
+    ):
         stream.write(b"new")
     assert caught.value.filename == str(target)
     assert target.read_bytes() == b"old"
@@ -230,7 +238,7 @@ def test_rights_and_links_stay(tmp_path):
     target.write_bytes(b"old")
     target.chmod(0o640)
     link.symlink_to(target)
-    with io.open_atomic(link) as stream:
+    with point_files.open_atomic(link) as stream:
         stream.write(b"new")
     assert link.is_symlink()
     assert target.read_bytes() == b"new"
@@ -238,7 +246,7 @@ def test_rights_and_links_stay(tmp_path):
 
 
 def test_a_new_file_gets_the_usual_rights(tmp_path):
-    with io.open_atomic(tmp_path / "out.bin") as stream:
+    with point_files.open_atomic(tmp_path / "out.bin") as stream:
         stream.write(b"new")
     (tmp_path / "usual.bin").touch()
     modes = {path.stat().st_mode for path in tmp_path.iterdir()}
@@ -246,5 +254,5 @@ def test_a_new_file_gets_the_usual_rights(tmp_path):
 
 
 def test_a_device_is_not_replaced():
-    with pytest.raises(ValueError, match="device"), io.open_atomic("/dev/null"):
+    with pytest.raises(ValueError, match="device"), point_files.open_atomic("/dev/null"):
         pass

@@ -10,9 +10,9 @@ from kernel_data import MIRROR, places_near, random_rules, random_terms, unit_da
 from shapes import box, sphere, torus
 
 from o3d_sofnn import _kernels, reference
-from o3d_sofnn.clustering import fuzzy_c_means, partition_memberships
-from o3d_sofnn.octree import build_octree
 from o3d_sofnn.reference.typical_data import first_centers
+from o3d_sofnn.sampling.cells import build_octree
+from o3d_sofnn.sofnn.fuzzy_c_means import fuzzy_c_means, partition_memberships
 
 
 def random_points(n, seed=0):

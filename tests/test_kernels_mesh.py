@@ -8,9 +8,9 @@ from shapes import torus
 from test_grid import random_grid
 
 from o3d_sofnn import _kernels, reference
-from o3d_sofnn.grid import AdaptiveGrid
-from o3d_sofnn.marching_cubes import EDGE_ENDS, NUDGE, both_tables
-from o3d_sofnn.surface import extract
+from o3d_sofnn.meshing.extraction import extract
+from o3d_sofnn.meshing.grid import AdaptiveGrid
+from o3d_sofnn.meshing.marching_cubes import EDGE_ENDS, NUDGE, both_tables
 
 
 def mesh(seed):

@@ -7,8 +7,8 @@ import pytest
 from shapes import box, join, plane_patch, sphere, torus
 
 from o3d_sofnn._kernels import KdTree
-from o3d_sofnn.local_fit import SCALES, choose_scale, untruncated
-from o3d_sofnn.octree import sort_unique
+from o3d_sofnn.sampling.cells import sort_unique
+from o3d_sofnn.sampling.scale import SCALES, choose_scale, untruncated
 
 SHAPES = {"sphere": (sphere, 2.0), "plane": (plane_patch, 1.0), "torus": (torus, 2.8)}
 """Shape and the edge of its bounding box."""

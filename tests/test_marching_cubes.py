@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from mesh_checks import assert_valid_mesh
 
-from o3d_sofnn import metrics
-from o3d_sofnn.marching_cubes import CORNERS, EDGES, NUDGE, marching_cubes, triangle_table
+from o3d_sofnn.geometry import mesh_properties
+from o3d_sofnn.meshing.marching_cubes import CORNERS, EDGES, NUDGE, marching_cubes, triangle_table
 
 
 def grid(values):
@@ -119,8 +119,8 @@ def sphere_values(n, radius):
 def test_sphere(n, radius, error):
     vertices, triangles = triangulate(sphere_values(n, radius))
     assert_valid_mesh(vertices, triangles, components=1)
-    assert metrics.euler_characteristic(triangles) == 2
-    volume = metrics.signed_volume(vertices, triangles)
+    assert mesh_properties.euler_characteristic(triangles) == 2
+    volume = mesh_properties.signed_volume(vertices, triangles)
     assert volume == pytest.approx(4.0 / 3.0 * np.pi * radius**3, rel=error)
     distance = np.linalg.norm(vertices - 0.5 * (n - 1), axis=1)
     assert np.abs(distance - radius).max() < 0.05
@@ -130,7 +130,7 @@ def test_torus():
     x, y, z = np.indices((40, 40, 20)) - np.array([19.5, 19.5, 9.5])[:, None, None, None]
     vertices, triangles = triangulate(np.hypot(np.hypot(x, y) - 12.0, z) - 5.0)
     assert_valid_mesh(vertices, triangles, components=1)
-    assert metrics.euler_characteristic(triangles) == 0
+    assert mesh_properties.euler_characteristic(triangles) == 0
 
 
 def test_vertices_interpolate_linearly():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from known_functions import ALL, SMOOTH, UNEVEN, plain_rbf, problem
 
-from o3d_sofnn.network import SOFNN
+from o3d_sofnn.sofnn.estimator import SOFNN
 
 
 @pytest.mark.parametrize(("noise", "bound"), [(0.0, 0.02), (0.1, 0.06)])
@@ -141,7 +141,7 @@ def test_prediction_is_defined_everywhere_and_in_chunks(monkeypatch):
     np.testing.assert_array_equal(model.support(far), 0.0)
     assert model.support(model.centers_).max() == 1.0
     whole = model.predict(x)
-    monkeypatch.setattr("o3d_sofnn.clustering.CHUNK_ELEMENTS", 100)
+    monkeypatch.setattr("o3d_sofnn.sofnn.fuzzy_c_means.CHUNK_ELEMENTS", 100)
     np.testing.assert_allclose(model.predict(x), whole, atol=1e-10)
 
 

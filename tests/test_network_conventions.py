@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from known_functions import problem
 
-from o3d_sofnn.network import SOFNN
+from o3d_sofnn.sofnn.estimator import SOFNN
 
 
 def test_rules_are_readable():

@@ -7,16 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from o3d_sofnn.adjustment import (
+from o3d_sofnn.sofnn.adjustment import (
     adjust,
     description_length,
     reduced_error,
     ridge_for,
     solve_consequents,
 )
-from o3d_sofnn.membership import Neurons, fuzzy_basis, gradient, infer, log_firing, offsets
-from o3d_sofnn.offline import noise_level
-from o3d_sofnn.structure import combine, generate, merge, nearest_distance, similarity
+from o3d_sofnn.sofnn.neurons import Neurons, fuzzy_basis, gradient, infer, log_firing, offsets
+from o3d_sofnn.sofnn.offline import noise_level
+from o3d_sofnn.sofnn.structure import combine, generate, merge, nearest_distance, similarity
 
 
 def some_neurons(seed=0, n_rules=5, d=2, n_outputs=2, n_terms=1):

@@ -10,7 +10,7 @@ from shapes import sphere, two_spheres
 
 from o3d_sofnn import reference
 from o3d_sofnn._kernels import sort_morton
-from o3d_sofnn.octree import LEVELS, build_octree, sort_unique
+from o3d_sofnn.sampling.cells import LEVELS, build_octree, sort_unique
 
 
 def slow_key(x, y, z):

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from shapes import angles, box, sphere
 
-from o3d_sofnn import metrics, pipeline
-from o3d_sofnn.experience import EMPHASIS, INPUTS, SHIPPED, Experience, rule_inputs, shipped
-from o3d_sofnn.network import SOFNN
-from o3d_sofnn.rule_files import read_rules, write_rules
+from o3d_sofnn import pipeline
+from o3d_sofnn.geometry import mesh_properties
+from o3d_sofnn.rules.trust import EMPHASIS, INPUTS, SHIPPED, Experience, rule_inputs, shipped
+from o3d_sofnn.sofnn.estimator import SOFNN
+from o3d_sofnn.sofnn.rule_file import read_rules, write_rules
 from o3d_sofnn.training.learning import clouds, gain, learn
 from o3d_sofnn.training.lessons import lessons
 from o3d_sofnn.training.shapes import SHAPES, draw
@@ -96,8 +97,8 @@ def test_kernel_inputs_give_what_the_network_predicts():
 def test_shapes_are_closed_and_face_outwards(shape):
     for seed in range(4):
         mesh = shape(np.random.default_rng(seed))
-        assert metrics.is_closed(mesh.triangles)
-        assert metrics.signed_volume(mesh.vertices, mesh.triangles) > 0.0
+        assert mesh_properties.is_closed(mesh.triangles)
+        assert mesh_properties.signed_volume(mesh.vertices, mesh.triangles) > 0.0
         points, normals = draw(mesh, 500, 0.01, 2.0, np.random.default_rng(seed))
         assert np.isfinite(points).all()
         np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-9)

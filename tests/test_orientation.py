@@ -19,12 +19,12 @@ from shapes import (
     two_spheres,
 )
 
-from o3d_sofnn.orientation import face
-from o3d_sofnn.pieces import pieces, turn_along
+from o3d_sofnn.orientation.components import pieces, turn_along
+from o3d_sofnn.orientation.confidence import empty_in_front
+from o3d_sofnn.orientation.sheets import face
 from o3d_sofnn.pipeline import estimate_normals
 from o3d_sofnn.reference.local_fit import frame_of
-from o3d_sofnn.rule_base import RuleBase
-from o3d_sofnn.rule_winding import empty_in_front
+from o3d_sofnn.rules.rule_base import RuleBase
 
 
 def rules_on(shape, seed=0):

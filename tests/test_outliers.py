@@ -7,11 +7,13 @@ import pytest
 from shapes import box, join, plane_patch, sphere, torus
 
 from o3d_sofnn._kernels import KdTree
-from o3d_sofnn.local_fit import Scale
-from o3d_sofnn.octree import sort_unique
-from o3d_sofnn.outliers import distance_along_surface, off_surface, part_outliers
 from o3d_sofnn.pipeline import estimate_normals
-from o3d_sofnn.rules import fit_rules, infer_normals
+from o3d_sofnn.rules.inference import infer_normals
+from o3d_sofnn.rules.off_surface import distance_along_surface, off_surface
+from o3d_sofnn.rules.rule_base import fit_rules
+from o3d_sofnn.sampling.cells import sort_unique
+from o3d_sofnn.sampling.outliers import part_outliers
+from o3d_sofnn.sampling.scale import Scale
 
 SHAPES = {"sphere": (sphere, 2.0), "plane": (plane_patch, 1.0), "torus": (torus, 2.8)}
 """Shape and the edge of its bounding box."""

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from shapes import Shape, join, plane_patch, sphere
 
-from o3d_sofnn.perspective import seen_together
+from o3d_sofnn.orientation.single_view import seen_together
 from o3d_sofnn.pipeline import estimate_normals
 
 

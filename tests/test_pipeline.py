@@ -8,8 +8,9 @@ from mesh_checks import assert_valid_mesh
 from scipy.spatial import cKDTree
 from shapes import angles, box, join, plane_patch, sphere, torus, two_spheres
 
-from o3d_sofnn import metrics
-from o3d_sofnn.pipeline import STAGES, estimate_normals, reconstruct_surface
+from o3d_sofnn.geometry import mesh_properties
+from o3d_sofnn.pipeline import estimate_normals, reconstruct_surface
+from o3d_sofnn.progress import STAGES
 
 SHAPES = {
     "sphere": (sphere(2000), 1, 2, 4.0 / 3.0 * np.pi),
@@ -110,7 +111,7 @@ def test_the_solid_of_terrain_is_on_the_side_that_was_asked_for(option, sign):
     points[:, 2] = 0.1 * np.sin(5.0 * points[:, 0]) * np.cos(4.0 * points[:, 1])
     side = {option: np.array([0.0, 0.0, {"towards": 1.0, "viewpoint": 9.0}[option] * sign])}
     sheet = reconstruct_surface(points, trim=0.5, **side)
-    area = metrics.area_vectors(sheet.vertices, sheet.triangles)
+    area = mesh_properties.area_vectors(sheet.vertices, sheet.triangles)
     assert (sign * area[:, 2] > 0.0).mean() > 0.998
     assert (sign * sheet.normals.normals[:, 2] > 0.0).all()
     solid = reconstruct_surface(points, **side)
@@ -126,8 +127,8 @@ def test_surfaces(name, noise):
     surface = reconstruct_surface(shape.noisy(noise).points)
     assert surface.watertight
     assert_valid_mesh(surface.vertices, surface.triangles, components=n_pieces)
-    assert metrics.euler_characteristic(surface.triangles) == euler
-    found = metrics.signed_volume(surface.vertices, surface.triangles)
+    assert mesh_properties.euler_characteristic(surface.triangles) == euler
+    found = mesh_properties.signed_volume(surface.vertices, surface.triangles)
     assert found == pytest.approx(volume, rel=0.03)
     distance = cKDTree(surface.vertices).query(shape.points)[0]
     assert distance.max() < 1.5 * surface.voxel_size + 3.0 * noise
@@ -147,7 +148,7 @@ def test_a_hollow_ball_keeps_its_cavity():
     inner = sphere(500, radius=0.5, seed=1)
     surface = reconstruct_surface(join(sphere(2000), inner).points)
     assert_valid_mesh(surface.vertices, surface.triangles, components=2)
-    found = metrics.signed_volume(surface.vertices, surface.triangles)
+    found = mesh_properties.signed_volume(surface.vertices, surface.triangles)
     assert found == pytest.approx(4.0 / 3.0 * np.pi * (1.0 - 0.125), rel=0.02)
 
 
@@ -155,7 +156,7 @@ def test_a_hole_in_the_data_is_closed():
     shape = sphere(3000)
     surface = reconstruct_surface(shape.points[shape.points[:, 2] < 0.8])
     assert_valid_mesh(surface.vertices, surface.triangles, components=1)
-    assert metrics.euler_characteristic(surface.triangles) == 2
+    assert mesh_properties.euler_characteristic(surface.triangles) == 2
     top = surface.vertices[:, 2] > 0.7
     assert np.median(surface.confidence[~top]) > 0.9
     middle = np.hypot(*surface.vertices[:, :2].T).argsort()[:20]
@@ -169,7 +170,7 @@ def test_trimming_opens_what_no_data_supports():
     points = shape.points[shape.points[:, 2] < 0.5]
     surface = reconstruct_surface(points, trim=0.5)
     assert not surface.watertight
-    assert len(metrics.boundary_edges(surface.triangles)) > 0
+    assert len(mesh_properties.boundary_edges(surface.triangles)) > 0
     assert surface.vertices[:, 2].max() < 0.7
 
 

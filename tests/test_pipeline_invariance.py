@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from shapes import angles, torus
 
-from o3d_sofnn import metrics
+from o3d_sofnn.geometry import mesh_properties
 from o3d_sofnn.pipeline import estimate_normals, reconstruct_surface
 
 FEW = settings(max_examples=3, deadline=None, derandomize=True)
@@ -64,12 +64,12 @@ def assert_equivalent(points, moved, turn, back, *, typical, apart):
     assert error.max() < 90.0, "a normal changed sides"
     surface, after = reconstruct_surface(points), reconstruct_surface(moved)
     assert_valid_mesh(after.vertices, after.triangles)
-    euler = metrics.euler_characteristic
+    euler = mesh_properties.euler_characteristic
     assert euler(after.triangles) == euler(surface.triangles)
     vertices = back(after.vertices)
-    volume = metrics.signed_volume(vertices, after.triangles)
+    volume = mesh_properties.signed_volume(vertices, after.triangles)
     assert volume == pytest.approx(
-        metrics.signed_volume(surface.vertices, surface.triangles), rel=0.01
+        mesh_properties.signed_volume(surface.vertices, surface.triangles), rel=0.01
     )
     distance = cKDTree(surface.vertices).query(vertices)[0]
     assert np.quantile(distance, 0.99) < apart * surface.voxel_size

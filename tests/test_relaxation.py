@@ -6,9 +6,9 @@ import numpy as np
 from mesh_checks import assert_valid_mesh
 from shapes import sphere, torus
 
+from o3d_sofnn.meshing.extraction import extract
+from o3d_sofnn.meshing.relaxation import relax, smooth_closings
 from o3d_sofnn.pipeline import reconstruct_surface
-from o3d_sofnn.relaxation import relax, smooth_closings
-from o3d_sofnn.surface import extract
 
 
 def distance(x):

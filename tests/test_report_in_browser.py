@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import shapes
 
-from o3d_sofnn import cli
+from o3d_sofnn.cli import main
 
 o3d = pytest.importorskip("open3d")
 playwright = pytest.importorskip("playwright.sync_api")
@@ -51,7 +51,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     np.savetxt(folder / "ring.xyz", shapes.torus(600).points)
     files = [str(folder / "ball.ply"), str(folder / "ring.xyz"), str(folder / "missing.ply")]
     small = ["--quick", "--points", "600", "--sizes", "--noise", "0", "1", "--out", str(folder)]
-    cli.main(["compare", *files, *small, "--methods", *METHODS])
+    main.main(["compare", *files, *small, "--methods", *METHODS])
     return folder / "report.html"
 
 

@@ -7,8 +7,8 @@ import pytest
 from shapes import box, sphere
 
 from o3d_sofnn._kernels import KdTree
+from o3d_sofnn.meshing.resolution import choose_cubes, choose_levels, choose_voxel_size, flat_edges
 from o3d_sofnn.pipeline import estimate_normals, reconstruct_surface
-from o3d_sofnn.resolution import choose_cubes, choose_levels, choose_voxel_size, flat_edges
 
 
 @pytest.fixture(scope="module")

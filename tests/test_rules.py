@@ -8,12 +8,11 @@ from scipy.spatial import cKDTree
 from shapes import box, plane_patch, sphere, torus
 
 from o3d_sofnn._kernels import KdTree
-from o3d_sofnn.growth import RESIZED, SUPPORTED, discard, reshape
+from o3d_sofnn.geometry.vectors import unit
 from o3d_sofnn.pipeline import estimate_normals
-from o3d_sofnn.revision import UNDISPUTED, read_normals, revise
-from o3d_sofnn.rule_base import LONGEST
-from o3d_sofnn.rules import fit_rules
-from o3d_sofnn.vectors import unit
+from o3d_sofnn.rules.growth import RESIZED, SUPPORTED, discard, reshape
+from o3d_sofnn.rules.refit import UNDISPUTED, read_normals, revise
+from o3d_sofnn.rules.rule_base import LONGEST, fit_rules
 
 
 def fitted(shape, noise=0.0, **options):

@@ -6,10 +6,10 @@ import numpy as np
 from mesh_checks import assert_valid_mesh
 from shapes import sphere
 
-from o3d_sofnn.metrics import signed_volume
-from o3d_sofnn.relaxation import relax
-from o3d_sofnn.sharpening import sharpen, touching_planes
-from o3d_sofnn.surface import extract
+from o3d_sofnn.geometry.mesh_properties import signed_volume
+from o3d_sofnn.meshing.extraction import extract
+from o3d_sofnn.meshing.relaxation import relax
+from o3d_sofnn.meshing.sharpening import sharpen, touching_planes
 
 TILTED = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
 

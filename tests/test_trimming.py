@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from shapes import plane_patch, sphere
 
-from o3d_sofnn import adapters, metrics, reconstruct_surface, validation
+from o3d_sofnn import adapters, reconstruct_surface, validation
+from o3d_sofnn.geometry import mesh_properties
+from o3d_sofnn.meshing.extraction import extract
+from o3d_sofnn.meshing.trimming import cut, drop_strays
 from o3d_sofnn.pipeline import reconstruct_surface as reconstruct
-from o3d_sofnn.surface import extract
-from o3d_sofnn.trimming import cut, drop_strays
 
 
 def ball():
@@ -18,16 +19,16 @@ def ball():
 
 
 def border_of(vertices, triangles):
-    edges = metrics.boundary_edges(triangles)
+    edges = mesh_properties.boundary_edges(triangles)
     assert (np.bincount(edges.ravel())[np.unique(edges)] == 2).all(), "borders are no simple curves"
     return vertices[np.unique(edges)]
 
 
 def assert_open_manifold(vertices, triangles):
-    assert metrics.is_edge_manifold(triangles)
-    assert metrics.is_vertex_manifold(triangles)
-    assert metrics.is_consistently_wound(triangles)
-    assert not metrics.has_repeated_indices(triangles)
+    assert mesh_properties.is_edge_manifold(triangles)
+    assert mesh_properties.is_vertex_manifold(triangles)
+    assert mesh_properties.is_consistently_wound(triangles)
+    assert not mesh_properties.has_repeated_indices(triangles)
     assert len(np.unique(triangles)) == len(vertices)
 
 
@@ -74,7 +75,7 @@ def test_auto_makes_a_sheet_of_a_sheet():
     surface = reconstruct(points, trim="auto")
     assert_open_manifold(surface.vertices, surface.triangles)
     assert np.abs(surface.vertices[:, 2]).max() < surface.voxel_size
-    assert metrics.euler_characteristic(surface.triangles) == 1
+    assert mesh_properties.euler_characteristic(surface.triangles) == 1
 
 
 def test_strays_go():
@@ -90,6 +91,6 @@ def test_the_operators_take_auto(make_cloud, family):
     points = sphere(2000).points
     mesh = reconstruct_surface(make_cloud(points[points[:, 2] < 0.0], family), trim="auto")
     _, triangles = adapters.read_mesh(mesh)
-    assert len(metrics.boundary_edges(triangles)) > 0
+    assert len(mesh_properties.boundary_edges(triangles)) > 0
     with pytest.raises(ValueError, match="trim"):
         validation.check_trim("some")

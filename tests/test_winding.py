@@ -7,10 +7,13 @@ import pytest
 from shapes import CLOSED, Shape, box, sphere
 
 from o3d_sofnn._kernels import KdTree
-from o3d_sofnn.local_fit import choose_scale
-from o3d_sofnn.octree import sort_unique
-from o3d_sofnn.winding import orient_points, representatives
-from o3d_sofnn.winding_normals import winding_number_normals
+from o3d_sofnn.orientation.winding_normals import (
+    orient_points,
+    representatives,
+    winding_number_normals,
+)
+from o3d_sofnn.sampling.cells import sort_unique
+from o3d_sofnn.sampling.scale import choose_scale
 
 
 def oriented(shape, noise=0.0):

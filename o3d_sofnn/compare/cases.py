@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn import adapters, io, metrics, readers, validation
-
-from .measure import Truth
-from .raster import View
+from o3d_sofnn import adapters, validation
+from o3d_sofnn.compare.measure import Truth
+from o3d_sofnn.compare.raster import View
+from o3d_sofnn.files import point_files, readers
+from o3d_sofnn.geometry import mesh_properties
 
 Array = NDArray[Any]
 
@@ -138,9 +139,9 @@ def read(file: Path, clouds_only: bool = False) -> Array | Model:
     if clouds_only or file.suffix.lower() not in MESHES:
         return points
     vertices, triangles = readers.read_triangles(file)
-    if not metrics.is_closed(triangles):
+    if not mesh_properties.is_closed(triangles):
         return points
-    if metrics.signed_volume(vertices, triangles) < 0:
+    if mesh_properties.signed_volume(vertices, triangles) < 0:
         triangles = triangles[:, ::-1].copy()
     return Model(vertices, triangles)
 
@@ -151,9 +152,10 @@ def read_points(file: Path) -> Array:
     Raises
     ------
     OSError, ValueError
-        As of :func:`o3d_sofnn.io.read_point_cloud`; also where there are fewer than four.
+        As of :func:`o3d_sofnn.files.point_files.read_point_cloud`; also where there are fewer than
+        four.
     """
-    cloud = adapters.read_cloud(io.read_point_cloud(file)).points
+    cloud = adapters.read_cloud(point_files.read_point_cloud(file)).points
     points = cloud[validation.finite_rows(cloud)]
     if len(points) < validation.MIN_POINTS:
         raise ValueError(
@@ -184,7 +186,7 @@ def count(source: Source, ladder: Ladder) -> int:
 
 
 def _drawn(source: Source, model: Model, count: int, noise: float) -> Case:
-    points, normals = metrics.sample_surface(model.vertices, model.triangles, count)
+    points, normals = mesh_properties.sample_surface(model.vertices, model.triangles, count)
     sigma = 0.01 * noise * float(np.linalg.norm(np.ptp(model.vertices, axis=0)))
     points = points + np.random.default_rng(1).normal(0.0, 1.0, points.shape) * sigma
     return Case(

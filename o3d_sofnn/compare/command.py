@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from o3d_sofnn.progress import Progress
 
 if TYPE_CHECKING:
-    from .cases import Source
+    from o3d_sofnn.compare.cases import Source
 
 TEXT = """\
 Run this package and its peers (Open3D's and MeshLab's reconstructions) on every IN, and write
@@ -104,11 +104,11 @@ def run(args: argparse.Namespace, progress: Progress, inputs: Sequence[Source] =
     KeyboardInterrupt
         After Ctrl-C; the report on what was finished is written.
     """
-    from . import cases
-    from .evaluate import METHODS
-    from .raster import View
-    from .report import failures
-    from .run import run as compare
+    from o3d_sofnn.compare import cases
+    from o3d_sofnn.compare.evaluate import METHODS
+    from o3d_sofnn.compare.raster import View
+    from o3d_sofnn.compare.report import failures
+    from o3d_sofnn.compare.run import run as compare
 
     usual = [method for method in METHODS if not args.quick or method not in NOT_QUICK]
     methods = args.methods or usual

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from o3d_sofnn import adapters
-
-from . import colors, measure, peers, raster
-from .cases import Case
-from .isolated import peak_mb
-from .peers import Mesh
-from .png import encode_png
+from o3d_sofnn.compare import colors, measure, peers, raster
+from o3d_sofnn.compare.cases import Case
+from o3d_sofnn.compare.isolated import peak_mb
+from o3d_sofnn.compare.peers import Mesh
+from o3d_sofnn.compare.png import encode_png
 
 Array = NDArray[Any]
 

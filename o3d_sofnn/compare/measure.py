@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn import metrics
-from o3d_sofnn.vectors import unit
-
-from .peers import Mesh
+from o3d_sofnn.compare.peers import Mesh
+from o3d_sofnn.geometry import mesh_properties
+from o3d_sofnn.geometry.vectors import unit
 
 Array = NDArray[Any]
 
@@ -71,16 +70,20 @@ def figures(points: Array, mesh: Mesh, truth: Truth | None, count: int) -> dict[
     inward = distances(points, v, f)[0] / thousandth
     found = {
         "triangles": len(f),
-        "components": metrics.component_labels(f)[0],
-        "holes": _count_loops(metrics.boundary_edges(f)),
-        "watertight": float(metrics.is_watertight(f)),
-        "manifold": float(metrics.is_edge_manifold(f) and metrics.is_vertex_manifold(f)),
+        "components": mesh_properties.component_labels(f)[0],
+        "holes": _count_loops(mesh_properties.boundary_edges(f)),
+        "watertight": float(mesh_properties.is_watertight(f)),
+        "manifold": float(
+            mesh_properties.is_edge_manifold(f) and mesh_properties.is_vertex_manifold(f)
+        ),
         "input_mean": inward.mean(),
         "input_max": inward.max(),
     }
     if truth is not None:
-        here, here_normals = metrics.sample_surface(v, f, count)
-        there, there_normals = metrics.sample_surface(truth.vertices, truth.triangles, count)
+        here, here_normals = mesh_properties.sample_surface(v, f, count)
+        there, there_normals = mesh_properties.sample_surface(
+            truth.vertices, truth.triangles, count
+        )
         out, out_normals = distances(here, truth.vertices, truth.triangles)
         back, back_normals = distances(there, v, f)
         out, back = out / thousandth, back / thousandth
@@ -94,7 +97,7 @@ def figures(points: Array, mesh: Mesh, truth: Truth | None, count: int) -> dict[
             + np.einsum("ij,ij->i", there_normals, back_normals).mean()
         )
         if mesh.normals is not None:
-            found["flipped"] = 100.0 * metrics.flipped_fraction(mesh.normals, truth.normals)
+            found["flipped"] = 100.0 * mesh_properties.flipped_fraction(mesh.normals, truth.normals)
     return {key: float(value) for key, value in found.items()}
 
 
@@ -103,10 +106,10 @@ def distances(x: Array, vertices: Array, triangles: Array) -> tuple[Array, Array
     import igl
 
     squared, nearest, _ = igl.point_mesh_squared_distance(x, vertices, triangles.astype(np.int64))
-    return np.sqrt(squared), unit(metrics.area_vectors(vertices, triangles[nearest]))
+    return np.sqrt(squared), unit(mesh_properties.area_vectors(vertices, triangles[nearest]))
 
 
 def _count_loops(edges: Array) -> int:
     """Count the connected groups of border edges."""
     # As triangles with a repeated corner, edges are what component_labels takes.
-    return metrics.component_labels(edges[:, [0, 1, 1]])[0] if len(edges) else 0
+    return mesh_properties.component_labels(edges[:, [0, 1, 1]])[0] if len(edges) else 0

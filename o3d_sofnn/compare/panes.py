@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .raster import typical_spacing
+from o3d_sofnn.compare.raster import typical_spacing
 
 if TYPE_CHECKING:
-    from .evaluate import Look
-    from .report import Scene
+    from o3d_sofnn.compare.evaluate import Look
+    from o3d_sofnn.compare.report import Scene
 
 Array = NDArray[Any]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from o3d_sofnn.vectors import unit
+from o3d_sofnn.geometry.vectors import unit
 
 Array = NDArray[Any]
 

@@ -11,10 +11,10 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from . import charts, colors, panes
-from .evaluate import METHODS, WORST, Look
-from .measure import FIGURES
-from .raster import View
+from o3d_sofnn.compare import charts, colors, panes
+from o3d_sofnn.compare.evaluate import METHODS, WORST, Look
+from o3d_sofnn.compare.measure import FIGURES
+from o3d_sofnn.compare.raster import View
 
 Row = dict[str, Any]
 

@@ -8,13 +8,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from o3d_sofnn.compare import cases, report
+from o3d_sofnn.compare.cases import Case, Ladder, Source
+from o3d_sofnn.compare.evaluate import METHODS, Evaluation, Look, before, evaluate
+from o3d_sofnn.compare.isolated import call
+from o3d_sofnn.compare.measure import FIGURES
 from o3d_sofnn.progress import NoProgress, ProgressCallback, rescale
-
-from . import cases, report
-from .cases import Case, Ladder, Source
-from .evaluate import METHODS, Evaluation, Look, before, evaluate
-from .isolated import call
-from .measure import FIGURES
 
 Row = dict[str, Any]
 

@@ -5,20 +5,26 @@ them, :class:`Rules` in place of a view of rules, and without a number of thread
 arrays of the same shapes. Nothing in the package calls them.
 """
 
-from .field import evaluate_field
-from .grid import DualWalk
-from .handles import handle_edges, open_handles
-from .inference import consequent_errors, infer_normals
-from .local_fit import fit_rules, fit_scales
-from .marching_cubes import marching_cubes
-from .mesh import bent_vertices, label_pieces, surroundings, undo_turns, vertex_normals
-from .morton import sort_morton
-from .neighbors import crowded, query
-from .rlps import reconstruct_units
-from .rules import Rules
-from .sides import divide_cells
-from .typical_data import typical_data
-from .winding import evaluate_winding
+from o3d_sofnn.reference.field import evaluate_field
+from o3d_sofnn.reference.grid import DualWalk
+from o3d_sofnn.reference.handles import handle_edges, open_handles
+from o3d_sofnn.reference.inference import consequent_errors, infer_normals
+from o3d_sofnn.reference.local_fit import fit_rules, fit_scales
+from o3d_sofnn.reference.marching_cubes import marching_cubes
+from o3d_sofnn.reference.mesh import (
+    bent_vertices,
+    label_pieces,
+    surroundings,
+    undo_turns,
+    vertex_normals,
+)
+from o3d_sofnn.reference.morton import sort_morton
+from o3d_sofnn.reference.neighbors import crowded, query
+from o3d_sofnn.reference.rlps import reconstruct_units
+from o3d_sofnn.reference.rules import Rules
+from o3d_sofnn.reference.sides import divide_cells
+from o3d_sofnn.reference.typical_data import typical_data
+from o3d_sofnn.reference.winding import evaluate_winding
 
 __all__ = [
     "DualWalk",

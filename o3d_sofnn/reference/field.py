@@ -7,9 +7,9 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from .inference import Contribution, contributions
-from .neighbors import query
-from .rules import Rules
+from o3d_sofnn.reference.inference import Contribution, contributions
+from o3d_sofnn.reference.neighbors import query
+from o3d_sofnn.reference.rules import Rules
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

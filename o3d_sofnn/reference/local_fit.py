@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .neighbors import query
+from o3d_sofnn.reference.neighbors import query
 
 Array = NDArray[np.float64]
 

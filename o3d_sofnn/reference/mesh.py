@@ -7,8 +7,8 @@ import scipy.sparse
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
-from ..metrics import area_vectors
-from ..vectors import unit
+from o3d_sofnn.geometry.mesh_properties import area_vectors
+from o3d_sofnn.geometry.vectors import unit
 
 Array = NDArray[np.float64]
 Triangles = NDArray[np.int32]

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .local_fit import arc_over_parabola
-from .neighbors import query
-from .rules import Rules
+from o3d_sofnn.reference.local_fit import arc_over_parabola
+from o3d_sofnn.reference.neighbors import query
+from o3d_sofnn.reference.rules import Rules
 
 Array = NDArray[np.float64]
 

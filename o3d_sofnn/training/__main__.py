@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from o3d_sofnn.experience import INPUTS, SHIPPED
-from o3d_sofnn.rule_files import write_rules
-
-from .learning import clouds, learn
+from o3d_sofnn.rules.trust import INPUTS, SHIPPED
+from o3d_sofnn.sofnn.rule_file import write_rules
+from o3d_sofnn.training.learning import clouds, learn
 
 ABOUT: dict[str, object] = {
     "about": "how wrong the normal of a rule is at a place: y is log(squared angle)",

@@ -6,11 +6,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from o3d_sofnn.experience import EMPHASIS, INPUTS
-from o3d_sofnn.network import SOFNN
-
-from .lessons import Lessons, draw_pairs, lessons
-from .shapes import SHAPES, draw
+from o3d_sofnn.rules.trust import EMPHASIS, INPUTS
+from o3d_sofnn.sofnn.estimator import SOFNN
+from o3d_sofnn.training.lessons import Lessons, draw_pairs, lessons
+from o3d_sofnn.training.shapes import SHAPES, draw
 
 NOISES = (0.0, 0.0, 0.00125, 0.0025, 0.005, 0.01)
 """Noise of the clouds, over the diagonal."""

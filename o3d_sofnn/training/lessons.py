@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree
-from o3d_sofnn.clock import Clock
-from o3d_sofnn.experience import place_inputs, rule_inputs
-from o3d_sofnn.learning import learn_rules
-from o3d_sofnn.octree import sort_unique
+from o3d_sofnn.pipeline import learn_rules
+from o3d_sofnn.progress import Clock
 from o3d_sofnn.reference.inference import log_memberships
 from o3d_sofnn.reference.rules import Rules
-from o3d_sofnn.rules import NEAREST
+from o3d_sofnn.rules.inference import NEAREST
+from o3d_sofnn.rules.trust import place_inputs, rule_inputs
+from o3d_sofnn.sampling.cells import sort_unique
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ class Lessons:
     Attributes
     ----------
     inputs : (p, k, 6) float64
-        Of the off-line rules (:data:`o3d_sofnn.experience.INPUTS`).
+        Of the off-line rules (:data:`o3d_sofnn.rules.trust.INPUTS`).
     memberships : (p, k) float64
         Logarithm of the membership without off-line rules.
     normals : (p, k, 3) float64

@@ -1,0 +1,165 @@
+"""``o3d-sofnn normals`` and ``o3d-sofnn reconstruct``: from file to file, and the report on it."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from o3d_sofnn.progress import Progress, rescale
+
+if TYPE_CHECKING:
+    from o3d_sofnn.results import NormalEstimate, SurfaceEstimate
+
+
+# Share of the progress that reading takes, and where writing starts.
+_READ_DONE = 0.05
+
+
+_WRITE_STARTS = 0.95
+
+
+def run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Read, compute, write.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        As the parser of :mod:`o3d_sofnn.cli.main` makes it.
+    progress : Progress
+        Called with the fraction done and what is being done.
+
+    Returns
+    -------
+    dict
+        The report.
+
+    Raises
+    ------
+    ValueError
+        An option is out of range, or the input is not fit; the message names it.
+    OSError
+        The output cannot be written.
+    """
+    started = time.perf_counter()
+    progress(0.0, "load")
+    # Imported here: --help and bad options answer at once, and Ctrl-C during the import is caught.
+    from o3d_sofnn import adapters
+    from o3d_sofnn.files import point_files
+
+    mesh_wanted = args.command == "reconstruct"
+    point_files.check_output(
+        args.output, point_files.MESH_OUTPUTS if mesh_wanted else point_files.CLOUD_OUTPUTS
+    )
+    if args.json not in (None, "-"):
+        point_files.check_output(args.json, ())
+    options = {
+        "search_param": adapters.make_search_param(args.max_nn, args.radius),
+        "n_threads": args.threads,
+        "print_progress": rescale(progress, _READ_DONE, _WRITE_STARTS),
+        "return_details": True,
+        "viewpoint": args.viewpoint,
+        "towards": args.towards,
+    }
+    progress(0.0, "read")
+    seconds: dict[str, float] = {}
+    with _timed(seconds, "read"):
+        cloud = _read(args.input)
+    result, details = (_reconstruct if mesh_wanted else _normals)(cloud, args, options)
+    seconds |= details.seconds
+    progress(_WRITE_STARTS, "write")
+    with _timed(seconds, "write"):
+        if mesh_wanted:
+            point_files.write_triangle_mesh(args.output, result)
+        else:
+            point_files.write_point_cloud(args.output, result, template=args.input)
+    progress(1.0, "done")
+    seconds["total"] = time.perf_counter() - started
+    report = {"command": args.command, "input": str(args.input), "output": str(args.output)}
+    report |= _figures(cloud, details)
+    report["seconds"] = {name: round(value, 4) for name, value in seconds.items()}
+    return report
+
+
+def write_report(report: dict[str, Any], destination: str | None) -> None:
+    """Write a report as JSON to a file, "-" for the standard output stream, or nowhere (None)."""
+    text = json.dumps(report, indent=2, allow_nan=False) + "\n"
+    if destination == "-":
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    elif destination is not None:
+        from o3d_sofnn.files import point_files
+
+        with point_files.open_atomic(destination) as stream:
+            stream.write(text.encode())
+
+
+def _read(path: Path) -> Any:
+    """Read the input; what is wrong with it is bad input, not a failure of the machine."""
+    from o3d_sofnn.files import point_files
+
+    try:
+        cloud = point_files.read_point_cloud(path)
+    except OSError as error:
+        raise ValueError(f"{path}: not readable: {error.strerror or error}") from error
+    if cloud.is_empty():
+        raise ValueError(f"{path}: expected points, got none")
+    return cloud
+
+
+def _normals(cloud: Any, args: argparse.Namespace, options: dict[str, Any]) -> Any:
+    from o3d_sofnn import operators
+
+    return operators.estimate_normals(cloud, **options)
+
+
+def _reconstruct(cloud: Any, args: argparse.Namespace, options: dict[str, Any]) -> Any:
+    from o3d_sofnn import operators
+
+    return operators.reconstruct_surface(
+        cloud,
+        depth=args.depth,
+        voxel_size=args.voxel_size,
+        use_normals=args.use_normals,
+        trim=args.trim,
+        target_triangles=args.target_triangles,
+        **options,
+    )
+
+
+def _figures(cloud: Any, details: NormalEstimate | SurfaceEstimate) -> dict[str, Any]:
+    """Return what the report says of the points, and of the mesh if there is one."""
+    from o3d_sofnn import adapters, validation
+    from o3d_sofnn.results import SurfaceEstimate
+
+    normals = details.normals if isinstance(details, SurfaceEstimate) else details
+    # In the details a point without finite coordinates counts as an outlier too.
+    not_finite = int((~validation.finite_rows(adapters.read_cloud(cloud).points)).sum())
+    figures = {
+        "points": len(normals.normals),
+        "not_finite": not_finite,
+        "outliers": int(normals.outliers.sum()) - not_finite,
+        "rules": len(normals.rules),
+        "noise_level": normals.noise_level,
+        "spacing": normals.spacing,
+        "warnings": list(normals.warnings),
+    }
+    if isinstance(details, SurfaceEstimate):
+        figures |= {
+            "vertices": len(details.vertices),
+            "triangles": len(details.triangles),
+            "watertight": details.watertight,
+        }
+    return figures
+
+
+@contextlib.contextmanager
+def _timed(seconds: dict[str, float], name: str) -> Iterator[None]:
+    started = time.perf_counter()
+    yield
+    seconds[name] = time.perf_counter() - started

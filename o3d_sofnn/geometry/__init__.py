@@ -1,0 +1,1 @@
+"""Geometry without point-cloud method: vectors, neighbours, mesh properties."""

@@ -1,0 +1,32 @@
+"""What nearest neighbours say about the sampling of a surface."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from o3d_sofnn._kernels import KdTree
+
+
+def neighborhood_areas(
+    places: NDArray[np.float64], tree: KdTree, n_threads: int
+) -> NDArray[np.float64]:
+    """Area of surface that one sample covers, at some of them.
+
+    Parameters
+    ----------
+    places : (m, 3) float64
+        Samples.
+    tree : KdTree
+        Over all samples.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    (m,) float64
+        ``pi r_k^2 / k`` with the k nearest.
+    """
+    k = min(9, tree.size)
+    distance, _ = tree.query(places, k, np.inf, n_threads)
+    return np.asarray(np.pi * distance[:, -1] ** 2 / max(k - 0.5, 1.0))

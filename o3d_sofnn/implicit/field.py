@@ -1,0 +1,185 @@
+"""Stage 8: one function over all space: local implicits near the data, winding number elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from o3d_sofnn import _kernels
+from o3d_sofnn.geometry.neighbors import neighborhood_areas
+from o3d_sofnn.implicit.units import LocalSurfaces
+from o3d_sofnn.orientation.winding_normals import OPENING
+from o3d_sofnn.rules.rule_base import RuleBase
+
+REACH = (0.75, 1.5)
+"""Distance from the data, over the spacing, up to which the local implicits speak alone, and from
+which on the winding number does."""
+
+
+NOISY_REACH = 0.67
+"""The same where there is noise, over that where there is none."""
+
+
+CERTAIN = (0.2, 0.35)
+"""Distance of the winding number from its level up to which the local implicits are believed, and
+from which on not: whatever they say, such a place is inside or outside."""
+
+
+WIDTH = 0.75
+"""Smoothing width of the winding number, over the spacing."""
+
+
+ACROSS = 16.0
+"""How fast a noisy rule loses weight with the residual that neither noise nor chance explains: it
+lies across an edge, and the rules of the two faces know better."""
+
+
+UNEXPLAINED = 10.0
+"""Largest part that counts."""
+
+
+NEAREST = 16
+"""Rules that take part in the blend at one place."""
+
+
+BLOCK = 2**18
+"""Places that are looked at together."""
+
+
+PLACES = 50_000
+"""Samples that say enough about the mean winding number of all."""
+
+
+ALIKE = 8
+"""Most consecutive samples that share one area."""
+
+
+Evaluate = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
+"""What a field is to others: (m, 3) places to (m,) values, negative inside, and (m,) support."""
+
+
+class Field:
+    """Signed distance-like function, negative inside, defined everywhere.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Oriented rules.
+    surfaces : LocalSurfaces
+        Their local implicits.
+    samples : (n, 3) float64
+        Points moved onto the surface, in Morton order.
+    normals : (n, 3) float64
+        Their normals.
+    spacing : (n,) float64
+        Local distance of neighbouring samples, not less than what the field shall resolve.
+    n_threads : int
+        Threads.
+    """
+
+    def __init__(
+        self,
+        rules: RuleBase,
+        surfaces: LocalSurfaces,
+        samples: NDArray[np.float64],
+        normals: NDArray[np.float64],
+        spacing: NDArray[np.float64],
+        n_threads: int,
+    ) -> None:
+        self.rules = rules
+        self.surfaces = surfaces
+        self.noisiness = float(np.median(rules.noisiness))
+        self._reach = 1.0 + (NOISY_REACH - 1.0) * self.noisiness
+        self._samples = _kernels.KdTree(samples, n_threads)
+        self._spacing = spacing
+        self.n_threads = n_threads
+        self._view = rules.view(n_threads, trust=trust(rules))
+        weight = self._areas(samples)
+        self._dipoles = weight[:, None] * normals
+        self._far_tree = _kernels.WindingTree(samples, weight, n_threads)
+        # As in Poisson reconstruction the level is the mean over the samples: 1/2 on closed data.
+        some = slice(None, None, 1 + len(samples) // PLACES)
+        on_samples = self.winding_number(np.ascontiguousarray(samples[some]), spacing[some])
+        self.level = float(np.average(on_samples, weights=weight[some]))
+
+    def _areas(self, samples: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Area of surface around each sample, the same for a few consecutive ones of many."""
+        few = min(1 + len(samples) // PLACES, ALIKE)
+        places = np.ascontiguousarray(samples[few // 2 :: few])
+        areas = neighborhood_areas(places, self._samples, self.n_threads)
+        return np.repeat(areas, few)[np.minimum(np.arange(len(samples)), few * len(areas) - 1)]
+
+    def winding_number(
+        self, x: NDArray[np.float64], spacing: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Winding number of the samples at `x`, (m,), smoothed as their spacing there wants."""
+        return np.asarray(
+            self._far_tree.winding(self._dipoles, x, WIDTH * spacing, OPENING, self.n_threads)
+        )
+
+    def spacing_at(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Spacing of the samples nearest to places (m, 3), (m,)."""
+        return np.asarray(self._spacing[self._samples.query(x, 1, np.inf, self.n_threads)[1][:, 0]])
+
+    def __call__(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Evaluate the field.
+
+        Parameters
+        ----------
+        x : (m, 3) float64
+            Places.
+
+        Returns
+        -------
+        values : (m,) float64
+            Negative inside, in the unit of the points.
+        support : (m,) float64
+            1 on the data, 0 far away from it.
+        """
+        # The kernels share work between neighbours.
+        order = np.asarray(_kernels.sort_morton(np.ascontiguousarray(x), self.n_threads)[1])
+        values, support = np.empty(len(x)), np.empty(len(x))
+        for start in range(0, len(x), BLOCK):  # some ten numbers a place are needed at once
+            block = order[start : start + BLOCK]
+            values[block], support[block] = self._evaluate(np.ascontiguousarray(x[block]))
+        return values, support
+
+    def _evaluate(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        # Beyond the reach of the widest spacing the search ends at once: an infinite distance.
+        limit = REACH[1] * float(self._spacing.max())
+        distance, nearest = self._samples.query(x, 1, limit, self.n_threads)
+        spacing = self._spacing[np.minimum(nearest[:, 0], len(self._spacing) - 1)]
+        support = fade(distance[:, 0] / spacing, *REACH)
+        share = fade(distance[:, 0] / (self._reach * spacing), *REACH)
+        excess = self.level - self.winding_number(x, spacing)
+        weight = share * fade(np.abs(excess), *CERTAIN)
+        far = spacing * excess
+        values = far.copy()
+        near = np.flatnonzero(share > 0.0)
+        local = _kernels.evaluate_field(
+            self._view,
+            self.surfaces.terms,
+            self.surfaces.n_terms,
+            np.ascontiguousarray(x[near]),
+            min(NEAREST, len(self.rules)),
+            self.n_threads,
+        )
+        agree = local * far[near] > 0.0
+        blend = weight[near] * local + (1.0 - weight[near]) * far[near]
+        values[near] = np.where(agree, local, blend)
+        return values, support
+
+
+def trust(rules: RuleBase) -> NDArray[np.float64]:
+    """Weight of each rule in the blend, over its quality, (r,): low across edges of noisy data."""
+    chance = np.sqrt(2.0 / rules.n_neighbors)
+    unexplained = np.clip(rules.excess - chance, 0.0, UNEXPLAINED)
+    return np.asarray(np.exp(-ACROSS * rules.noisiness * unexplained))
+
+
+def fade(x: NDArray[np.float64], low: float, high: float) -> NDArray[np.float64]:
+    """Smooth step from 1 at `low` to 0 at `high`."""
+    t = np.clip((high - x) / (high - low), 0.0, 1.0)
+    return np.asarray(t * t * (3.0 - 2.0 * t))

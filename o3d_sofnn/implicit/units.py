@@ -1,0 +1,172 @@
+"""Stage 7: reconstruct local progressive surfaces (Algorithm 2, RLPS)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from o3d_sofnn import _kernels
+from o3d_sofnn.rules.inference import infer_normals
+from o3d_sofnn.rules.rule_base import RuleBase, fit_rules, joined
+
+NOISE_PRECISION = (4.0, 6.0)
+"""Precision epsilon over the noise level, where most of that is shape that the quadrics miss, and
+where it is noise: residuals up to here are no shape."""
+
+
+SHAPE_PRECISION = 1e-3
+"""Least precision, over the radius of a unit."""
+
+
+@dataclass(frozen=True)
+class LocalSurfaces:
+    """One local implicit per unit: the quadric of its rule and radial basis functions on top.
+
+    Attributes
+    ----------
+    terms : (r, t, 4) float64
+        Centre, in the frame of the rule and over its radius, and weight of each basis function.
+    n_terms : (r,) int64
+        How many of the terms are in use.
+    error : (r,) float64
+        Largest residual that is left at a point of the unit, in the unit of the points.
+    worst : (r, 3) float64
+        The point that has it.
+    precision : (r,) float64
+        Epsilon of each unit.
+    """
+
+    terms: NDArray[np.float64]
+    n_terms: NDArray[np.int64]
+    error: NDArray[np.float64]
+    worst: NDArray[np.float64]
+    precision: NDArray[np.float64]
+
+    @property
+    def unresolved(self) -> NDArray[np.bool_]:
+        """Units whose largest residual exceeds the precision, for step 3 of Algorithm 2."""
+        return self.error > self.precision
+
+    @property
+    def offset_points(self) -> int:
+        """Offset points used: one for each unit that needed centres."""
+        return int((self.n_terms > 0).sum())
+
+    def joined(self, other: LocalSurfaces) -> LocalSurfaces:
+        """Both sets of units, this one first."""
+        return joined(self, other)
+
+
+SMALLEST = 8
+"""Fewest points of a unit."""
+
+
+def local_surfaces(
+    rules: RuleBase,
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    tree: _kernels.KdTree,
+    n_threads: int,
+    precision: float | None = None,
+) -> tuple[RuleBase, LocalSurfaces]:
+    """Reconstruct all units, and divide those that stay above the precision (Algorithm 2, step 3).
+
+    A unit of half as many points is placed where the residual of its parent is largest; the parent
+    stays, with the lower weight that its residual gives it.
+
+    Parameters
+    ----------
+    rules, points, normals, tree, n_threads, precision
+        As in :func:`reconstruct_units`.
+
+    Returns
+    -------
+    rules : RuleBase
+        With the rules of the new units at the end.
+    surfaces : LocalSurfaces
+        One a rule.
+    """
+    surfaces = reconstruct_units(rules, points, normals, tree, n_threads, precision)
+    divide = np.flatnonzero(surfaces.unresolved & (rules.n_neighbors >= 2 * SMALLEST))
+    if not len(divide):
+        return rules, surfaces
+    centers = surfaces.worst[divide]
+    children = fit_rules(
+        points,
+        tree,
+        centers,
+        rules.n_neighbors[divide] // 2,
+        rules.noise[divide],
+        n_threads,
+        normals=normals,
+        sides=infer_normals(rules, centers, n_threads)[0],
+        confidence=rules.confidence[divide],
+    )
+    finer = reconstruct_units(children, points, normals, tree, n_threads, precision)
+    return rules.joined(children), surfaces.joined(finer)
+
+
+def reconstruct_units(
+    rules: RuleBase,
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    tree: _kernels.KdTree,
+    n_threads: int,
+    precision: float | None = None,
+) -> LocalSurfaces:
+    """Refine the local surface of every rule until its points are met.
+
+    The rough set starts with the point whose residual to the quadric is largest, and one offset
+    point of the unit (not of the points), above its middle, where the quadric's distance is kept.
+    While the largest residual exceeds the precision and the set is small enough, the point that has
+    it is appended and the function computed anew. Points of other faces bound the surface: at an
+    edge it may not cut them off.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Oriented rules, one a unit.
+    points, normals : (n, 3) float64
+        Distinct points and their oriented normals: only points on the side of the unit count.
+    tree : KdTree
+        Over `points`.
+    n_threads : int
+        Threads.
+    precision : float, optional
+        Epsilon of all units, in the unit of `points`. The nearer half of the points, to which the
+        fit gives most of its weight, decides whether a unit is refined: the others are nearer to
+        other units. None takes the noise for the limit, no less than a small part of the radius,
+        and lets all points of a unit decide: overlap helps the accuracy, and takes two to four
+        times as many offset points.
+
+    Returns
+    -------
+    LocalSurfaces
+    """
+    if precision is None:
+        clean, noisy = NOISE_PRECISION
+        factor = clean + (noisy - clean) * rules.noisiness
+        limit = np.maximum(factor * rules.noise, SHAPE_PRECISION * rules.radius)
+        own = rules.n_neighbors
+    else:
+        limit = np.full(len(rules.radius), precision)
+        own = (rules.n_neighbors + 1) // 2
+    terms, n_terms, error, worst = _kernels.reconstruct_units(
+        tree,
+        points,
+        normals,
+        rules.view(n_threads),
+        rules.n_neighbors,
+        own,
+        limit,
+        n_threads,
+    )
+    return LocalSurfaces(
+        np.asarray(terms),
+        np.asarray(n_terms),
+        np.asarray(error),
+        np.asarray(worst),
+        limit,
+    )

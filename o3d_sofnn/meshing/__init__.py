@@ -1,0 +1,1 @@
+"""Section 5: from the field to triangles."""

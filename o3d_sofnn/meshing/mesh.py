@@ -1,0 +1,112 @@
+"""Stage 9: sparse isosurface. Cubes with data and those the surface leads to until it closes."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from o3d_sofnn.implicit.field import Field
+from o3d_sofnn.meshing.extraction import extract
+from o3d_sofnn.meshing.handles import open_handles
+from o3d_sofnn.meshing.relaxation import balance_chords, relax
+from o3d_sofnn.meshing.sharpening import sharpen
+from o3d_sofnn.meshing.trimming import cut, drop_strays
+
+
+def mesh(
+    implicit: Field,
+    samples: NDArray[np.float64],
+    size: float,
+    levels: NDArray[np.int64],
+    trim: float | Literal["auto"] | None,
+    target: int | None,
+    n_threads: int,
+) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+    """Triangulate a field, and do to the triangles what the user wants.
+
+    Parameters
+    ----------
+    implicit : Field
+        The function.
+    samples : (n, 3) float64
+        Points moved onto the surface.
+    size, levels
+        As in :func:`extract`.
+    trim : float or "auto" or None
+        Where to cut (:func:`o3d_sofnn.meshing.trimming.cut`); None for nowhere.
+    target : int or None
+        Triangles to be left.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    vertices : (v, 3) float64
+    triangles : (t, 3) int32
+    confidence : (v,) float64
+        Support by the data.
+
+    Raises
+    ------
+    ValueError
+        No triangle is left.
+    """
+    vertices, triangles = extract(implicit, samples, size, levels, n_threads)
+    if len(triangles):
+        triangles, used = drop_strays(vertices, triangles, samples, n_threads)
+        vertices = vertices[used]
+    vertices, confidence = relax(vertices, triangles, implicit)
+    vertices = sharpen(vertices, triangles, implicit)
+    # What noise leaves of roughness is no curvature.
+    vertices = balance_chords(vertices, triangles, 1.0 - implicit.noisiness)
+    vertices, triangles, source = open_handles(vertices, triangles, implicit.spacing_at)
+    confidence = confidence[source]
+    if trim is not None:
+        vertices, triangles, confidence = cut(vertices, triangles, confidence, trim)
+        triangles, used = drop_strays(vertices, triangles, samples, n_threads)
+        vertices, confidence = vertices[used], confidence[used]
+    if not len(triangles):
+        reason = "the points are too few or too flat" if trim is None else "trim removed it all"
+        raise ValueError(f"points define no surface at this resolution: {reason}")
+    if target is not None:
+        vertices, triangles, source = decimate(vertices, triangles, target)
+        confidence = confidence[source]
+    return vertices, triangles, confidence
+
+
+def decimate(
+    vertices: NDArray[np.float64], triangles: NDArray[np.int32], target: int
+) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int64]]:
+    """Collapse edges where the surface changes least (Garland and Heckbert, 1997, by libigl).
+
+    A collapse that would change the topology is left out: a closed manifold stays one, with the
+    same pieces and handles.
+
+    Parameters
+    ----------
+    vertices : (m, 3) float64
+    triangles : (t, 3) int32
+        A manifold, with or without borders.
+    target : int
+        Triangles wanted.
+
+    Returns
+    -------
+    vertices : (v, 3) float64
+    triangles : (k, 3) int32
+        `target` of them, or one less, or as few as the topology needs if those are more.
+    source : (v,) int64
+        A vertex of the input for each vertex.
+    """
+    import igl  # of no use to most calls
+
+    if target >= len(triangles):
+        return vertices, triangles, np.arange(len(vertices))
+    found, fewer, _, source = igl.qslim(vertices, triangles, target)
+    return (
+        np.ascontiguousarray(found, np.float64),
+        np.ascontiguousarray(fewer, np.int32),
+        np.asarray(source, np.int64),
+    )

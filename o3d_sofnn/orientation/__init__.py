@@ -1,0 +1,1 @@
+"""One side for every rule: winding number, viewpoints, sheets, confidence."""

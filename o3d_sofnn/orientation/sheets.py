@@ -1,0 +1,222 @@
+"""Stage 5: sides of connected pieces: open sheets, and what the user wants them to face."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse
+import scipy.sparse.csgraph
+from numpy.typing import NDArray
+
+from o3d_sofnn._kernels import KdTree
+from o3d_sofnn.orientation.components import pieces, turn_along
+from o3d_sofnn.orientation.confidence import (
+    empty_in_front,
+    undecided,
+)
+from o3d_sofnn.orientation.single_view import seen_together
+from o3d_sofnn.rules.rule_base import RuleBase
+
+ALIKE = 0.7
+"""Least cosine between the planes of neighbouring rules that hand on a sign."""
+
+
+CLOSED = 0.82
+"""Share of a piece with nothing in front of it from which on it counts as closed."""
+
+
+NOISY = (5.0, 0.05, 0.02)
+"""Largest rise over the noise of a step between the two sides that the winding number makes of one
+noisy sheet (3.2 for halves of a Gaussian), least share of such steps in a piece like that, and
+largest share of the contradictions that stay when it is made one sheet (more do on thin arms)."""
+
+
+PATCH = 100, 0.1
+"""Rules that an open sheet has at least, or share of all if that is less: the tips of thin arms are
+smaller pieces of the tree."""
+
+
+SHARE = 0.01
+"""Share of the surface from which on a piece without a preferred side is worth a warning."""
+
+
+RISE = 0.7
+"""Largest rise of the step between them over both planes together, over its length."""
+
+
+def unify(rules: RuleBase, n_threads: int) -> tuple[RuleBase, NDArray[np.bool_]]:
+    """Make sheets consistent that the winding number cannot decide: open ones.
+
+    Hoppe et al. 1992: signs are handed on along a spanning tree of the rules whose edges prefer
+    equal tangent planes; only edges that run along the surface count, so that the sides of a thin
+    wall are not joined. The tree replaces the winding number's signs only on a connected piece that
+    is open (one spacing in front of it the winding number is not zero, or its two sides are no
+    farther apart than noise alone would put them) and only when it leaves less than half as many
+    edges in contradiction; the whole piece keeps the side that most of it had. Pieces that are seen
+    beside an open sheet with most of the surface get their side from it.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Rules with the signs of the winding number.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    rules : RuleBase
+        The same rules turned.
+    replaced : (r,) bool
+        Rules that have their sign from the tree.
+    """
+    n, normals, feet = len(rules), rules.normals, rules.feet
+    index = KdTree(feet, n_threads).query(feet, min(9, n), np.inf, n_threads)[1][:, 1:]
+    a, b = np.repeat(np.arange(n), index.shape[1]), index.ravel()
+    step = feet[b] - feet[a]
+    length = np.maximum(np.linalg.norm(step, axis=1), 1e-300)
+    rise = np.abs(np.einsum("ed,ed->e", step, normals[a])) + np.abs(
+        np.einsum("ed,ed->e", step, normals[b])
+    )
+    cosine = np.einsum("ed,ed->e", normals[a], normals[b])
+    along = (np.abs(cosine) > ALIKE) & (rise < RISE * length)
+    a, b, cosine, rise = a[along], b[along], cosine[along], rise[along]
+    graph = scipy.sparse.coo_matrix((1.0 - np.abs(cosine) + 1e-6, (a, b)), shape=(n, n)).tocsr()
+    tree = scipy.sparse.csgraph.minimum_spanning_tree(graph.maximum(graph.T))
+    piece = scipy.sparse.csgraph.connected_components(tree, directed=False)[1]
+    sign = _signs_along(tree, normals, piece)
+    area = rules.areas
+    side = np.bincount(piece, area * sign)
+    sign = sign * np.where(side < 0, -1.0, 1.0)[piece]
+    pieces_of_edges, count = piece[a], int(piece.max()) + 1
+    before = np.bincount(pieces_of_edges, cosine < 0, count)
+    after = np.bincount(pieces_of_edges, sign[a] * sign[b] * cosine < 0, count)
+    closed = np.bincount(piece, area * empty_in_front(rules, n_threads)) / np.bincount(piece, area)
+    within_noise = (cosine < 0) & (rise < NOISY[0] * np.maximum(rules.noise[a], rules.noise[b]))
+    edges = np.bincount(pieces_of_edges, minlength=count)
+    noisy = np.bincount(pieces_of_edges, within_noise, count) > NOISY[1] * edges
+    is_open = closed < CLOSED
+    sheet = (noisy & (after <= NOISY[2] * before)) | (is_open & (after < 0.5 * before))
+    sheet &= np.bincount(piece) >= min(PATCH[0], PATCH[1] * n)
+    main = int(np.bincount(piece, area).argmax())
+    if is_open[main] and area[piece == main].sum() > 0.5 * area.sum():
+        shown = seen_together(feet, sign[:, None] * normals, area, piece, main, n_threads)
+        sheet |= shown != 0
+        sheet[main] |= shown.any()
+        sign = sign * np.where(shown < 0, -1.0, 1.0)[piece]
+    replaced = sheet[piece]
+    return rules.facing(normals * np.where(replaced, sign, 1.0)[:, None]), replaced
+
+
+def _signs_along(
+    tree: scipy.sparse.csr_matrix, normals: NDArray[np.float64], piece: NDArray[np.int32]
+) -> NDArray[np.float64]:
+    """Sign of each node relative to the first one of its piece, multiplied along the tree."""
+    n = len(normals)
+    first = np.unique(piece, return_index=True)[1]
+    rows = np.concatenate([np.full(len(first), n), tree.tocoo().row])
+    columns = np.concatenate([first, tree.tocoo().col])
+    rooted = scipy.sparse.coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(n + 1, n + 1))
+    order, parent = scipy.sparse.csgraph.breadth_first_order(rooted.tocsr(), n, directed=False)
+    parent[n] = n
+    relative = np.ones(n + 1)
+    inner = np.flatnonzero(parent[:n] < n)
+    product = np.einsum("rd,rd->r", normals[inner], normals[parent[inner]])
+    relative[inner] = np.where(product < 0, -1.0, 1.0)
+    sign = relative.copy()
+    above = parent.copy()
+    for _ in range(int(np.ceil(np.log2(len(order) + 1))) + 1):  # pointer doubling up the tree
+        sign, above = sign * np.where(above < n, sign[above], 1.0), above[above]
+    return sign[:n]
+
+
+def settle(
+    rules: RuleBase,
+    sides: NDArray[np.float64],
+    points: NDArray[np.float64],
+    towards: NDArray[np.float64] | None,
+    n_threads: int,
+) -> tuple[RuleBase, NDArray[np.float64], tuple[str, ...]]:
+    """Give open sheets one side each, the one the user wants if there is a wish.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Rules with the signs of the winding number.
+    sides, points : (n, 3) float64
+        Points and their sides, consistent with the rules.
+    towards : (3,) float64 or None
+        Every connected piece faces this direction in the mean.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    rules : RuleBase
+        The same rules turned.
+    sides : (n, 3) float64
+        The same sides turned.
+    warnings : tuple of str
+        Said when the side of a piece is a guess.
+    """
+    turned, replaced = unify(rules, n_threads)
+    warnings: tuple[str, ...] = ()
+    if towards is None:
+        turned, warnings = face_up(turned, n_threads)
+    else:
+        turned = face(turned, towards, n_threads)
+    return turned, turn_along(sides, points, rules, turned, replaced, n_threads), warnings
+
+
+def face_up(rules: RuleBase, n_threads: int) -> tuple[RuleBase, tuple[str, ...]]:
+    """Turn the pieces that have no outside up, all of them together.
+
+    Elsewhere the winding number has decided: closed surfaces face outwards, an open sheet faces the
+    side from which it looks convex as a whole (a bowl its outside, a room that of its walls).
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Oriented rules.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    rules : RuleBase
+        The mean normal of those pieces has a positive z; when it is level, a positive y or x.
+    warnings : tuple of str
+        Names the share of the surface that this is.
+    """
+    toss = undecided(rules, n_threads)
+    share = float(rules.areas[toss].sum() / rules.areas.sum())
+    if not share:
+        return rules, ()
+    lean = rules.areas[toss] @ rules.normals[toss]
+    up = next((x for x in lean[::-1] if abs(x) > 0.1 * np.linalg.norm(lean)), 1.0)
+    turned = rules.facing(rules.normals * np.where(toss & (up < 0), -1.0, 1.0)[:, None])
+    if share < SHARE:
+        return turned, ()
+    return turned, (
+        f"{100.0 * share:.0f} % of the surface are open sheets of which neither side is the outer "
+        "one: they face up; give viewpoint or towards to choose",
+    )
+
+
+def face(rules: RuleBase, towards: NDArray[np.float64], n_threads: int) -> RuleBase:
+    """Turn the pieces to where the user wants them to face.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Oriented rules.
+    towards : (3,) float64
+        Every connected piece faces this direction in the mean.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    RuleBase
+    """
+    piece = pieces(rules, n_threads)
+    lean = np.bincount(piece, rules.areas * (rules.normals @ towards))
+    return rules.facing(rules.normals * np.where(lean < 0, -1.0, 1.0)[piece][:, None])

@@ -1,0 +1,61 @@
+"""Stage 4: one local fit for each typical datum, and what the rules say about a place."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from o3d_sofnn import _kernels
+from o3d_sofnn.rules.rule_base import RuleBase
+from o3d_sofnn.rules.trust import Experience
+
+NEAREST = 12
+"""Rules that take part in the inference at one place."""
+
+
+def infer_normals(
+    rules: RuleBase,
+    x: NDArray[np.float64],
+    n_threads: int,
+    *,
+    sides: NDArray[np.float64] | None = None,
+    k: int = NEAREST,
+    experience: Experience | None = None,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Infer a normal at every point, eq. (7) and (9).
+
+    The membership of a point in a rule is the product of a Gaussian in the tangent plane, a
+    Gaussian in the residual to the quadric, and the rule's quality, so that a point takes its
+    normal from the face of an edge or the side of a sheet it lies on.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Oriented rules.
+    x : (n, 3) float64
+        Where the normal is wanted.
+    n_threads : int
+        Threads.
+    sides : (n, 3) float64, optional
+        Unit vectors out of the surface at each place, as far as they are known; (0, 0, 0) where
+        they are not. A Gaussian in the angle to the normal of the rule joins the membership: on
+        parts hardly thicker than the noise the residual alone does not tell the sides apart.
+    k : int, default 12
+        Nearest rules that take part.
+    experience : Experience, optional
+        Off-line rules: the trust that they put in a rule at a place joins the membership.
+
+    Returns
+    -------
+    normals : (n, 3) float64
+        Unit normals.
+    agreement : (n,) float64
+        Length of the mean normal of the rules that took part, 0 to 1.
+    residual : (n,) float64
+        Signed distance to the quadric of the rule with the largest membership.
+    """
+    gates = None if experience is None else experience.gates(rules)
+    neurons = None if experience is None else experience.neurons
+    view = rules.view(n_threads, gates, neurons)
+    normals, info = _kernels.infer_normals(view, x, sides, min(k, len(rules)), n_threads)
+    return np.asarray(normals), np.asarray(info[:, 0]), np.asarray(info[:, 1])

@@ -1,0 +1,141 @@
+"""Points that the rules have left beside the surface (Algorithm 1, step 5, second half)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from o3d_sofnn._kernels import KdTree
+from o3d_sofnn.rules.inference import infer_normals
+from o3d_sofnn.rules.rule_base import RuleBase
+from o3d_sofnn.rules.trust import Experience
+from o3d_sofnn.sampling.outliers import (
+    COMPANY,
+)
+from o3d_sofnn.sampling.scale import Scale
+
+CREDIBLE = 0.3
+"""Least support of the rules that tell how far points are from the surface."""
+
+
+LOOSE = 2.0
+"""Width of their membership in the residual over the usual one."""
+
+
+FAR = (5.0, 0.5)
+"""Distance from them, over the noise level and over the spacing, from which on points are
+outliers."""
+
+
+BESIDE = 0.2
+"""Distance from the surface, over the spacing, up to which no point is an outlier."""
+
+
+WITHIN = (2.0, 3.5)
+"""The same over the noise level, and the distance from which on every point is one. Whether they
+are in between depends on how many there are."""
+
+
+def distance_along_surface(
+    rules: RuleBase, points: NDArray[np.float64], sides: NDArray[np.float64], n_threads: int
+) -> NDArray[np.float64]:
+    """Distance of points from the rules that are nearest along the surface.
+
+    The rule with the largest membership is the one that passes nearest to the point. It may follow
+    an outlier when few other points support it. Without such rules, and with a wide membership in
+    the residual, a rule speaks that knows nothing of the point; beside an edge it is not always of
+    the right face.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Rules fitted with sides.
+    points, sides : (m, 3) float64
+        Points and on which side of the surface they lie.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    (m,) float64
+        Not negative.
+    """
+    credible = rules.support >= CREDIBLE
+    asked = rules.rows(credible) if credible.any() else rules
+    asked = replace(asked, noise=LOOSE * asked.noise, residual=LOOSE * asked.residual)
+    return np.abs(infer_normals(asked, points, n_threads, sides=sides)[2])
+
+
+def off_surface(
+    residual: NDArray[np.float64],
+    distance: NDArray[np.float64],
+    points: NDArray[np.float64],
+    tree: KdTree,
+    scale: Scale,
+    inliers: NDArray[np.bool_],
+    n_threads: int,
+) -> NDArray[np.bool_]:
+    """Mark points that the rules have left beside the surface.
+
+    At some distance noise has become so unlikely that an outlier is the better explanation: there
+    the density of the points, a normal distribution about the surface, falls below that of the
+    outliers, of which some are known. What most of the neighbours have in common is no outlier but
+    a detail that the rules have missed.
+
+    Parameters
+    ----------
+    residual : (m,) float64
+        Distance to the rule with the largest membership.
+    distance : (m,) float64
+        :func:`distance_along_surface`.
+    points : (m, 3) float64
+        Points.
+    tree : KdTree
+        Over `points`.
+    scale : Scale
+        Of the same points.
+    inliers : (n,) bool
+        False for the outliers known so far; `points` are the others.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    (m,) bool
+        True for outliers.
+    """
+    pilot = scale.at(points, n_threads)
+    noise, spacing = np.maximum(scale.noise[pilot], 1e-12), scale.spacing[pilot]
+    volume = max(float(np.prod(np.ptp(points, axis=0))), 1e-12)
+    rare = (len(inliers) - inliers.sum()) / volume
+    dense = 1.0 / (np.sqrt(2.0 * np.pi) * noise * spacing**2)
+    within = np.sqrt(2.0 * np.log(np.maximum(dense / max(rare, 1e-12), 1.0)))
+    limit = np.maximum(np.clip(within, *WITHIN) * noise, BESIDE * spacing)
+    far = distance > np.maximum(FAR[0] * noise, FAR[1] * spacing)
+    off = (np.abs(residual) > limit) | far
+    doubtful = np.flatnonzero(off)
+    if len(doubtful):
+        k = min(COMPANY + 1, len(points))
+        around = tree.query(points[doubtful], k, np.inf, n_threads)[1][:, 1:]
+        off[doubtful] = off[around].mean(axis=1) < 0.5
+    return np.asarray(off)
+
+
+def part_from_surface(
+    rules: RuleBase,
+    points: NDArray[np.float64],
+    sides: NDArray[np.float64],
+    tree: KdTree,
+    scale: Scale,
+    inliers: NDArray[np.bool_],
+    threads: int,
+    experience: Experience | None,
+) -> NDArray[np.bool_]:
+    """Take points beside the surface out of the inliers, in place; True for those that stay."""
+    residual = infer_normals(rules, points, threads, sides=sides, experience=experience)[2]
+    along = distance_along_surface(rules, points, sides, threads)
+    near = ~off_surface(residual, along, points, tree, scale, inliers, threads)
+    inliers[inliers] = near
+    return near

@@ -1,0 +1,95 @@
+"""Stage 4: rules are fitted anew where it is in doubt which points belong to them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from o3d_sofnn._kernels import KdTree
+from o3d_sofnn.rules.rule_base import RuleBase, fit_rules
+from o3d_sofnn.sampling.local_fit import RADIUS
+
+UNDISPUTED = 0.95
+"""Share of the neighbourhood facing the side of a rule from which on all of it belongs there."""
+
+
+def revise(
+    rules: RuleBase,
+    points: NDArray[np.float64],
+    tree: KdTree,
+    normals: NDArray[np.float64],
+    n_threads: int,
+) -> RuleBase:
+    """Fit rules anew beside edges and other sheets, with the normals that the rules have inferred.
+
+    Which points count in a fit depends on their normals, and these are better known once the rules
+    have been fitted. Where all points of a neighbourhood agree nothing would change.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Rules fitted with other normals.
+    points, normals : (n, 3) float64
+        Distinct points, and the normals inferred at those that :func:`read_normals` marks.
+    tree : KdTree
+        Over `points`.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    RuleBase
+        As many rules, those that were fitted anew last.
+    """
+    disputed = _disputed(rules)
+    if not disputed.any():
+        return rules
+    again = rules.rows(disputed)
+    # A rule between two faces joins one of them; its own normal may lie between theirs.
+    side = normals[tree.query(again.feet, 1, np.inf, n_threads)[1][:, 0]]
+    same = np.einsum("rd,rd->r", side, again.normals) > 0.0
+    side = np.where(same[:, None], side, again.normals)
+    fits = fit_rules(
+        points,
+        tree,
+        again.feet,
+        again.n_neighbors,
+        again.noise,
+        n_threads,
+        normals=normals,
+        sides=side,
+        confidence=again.confidence,
+        across=again.ellipses[0],
+        stretch=again.stretch,
+    )
+    return rules.rows(~disputed).joined(fits)
+
+
+def read_normals(rules: RuleBase, points: NDArray[np.float64], n_threads: int) -> NDArray[np.bool_]:
+    """Mark the points whose normals :func:`revise` reads, and some around them.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Rules fitted to `points`.
+    points : (n, 3) float64
+        Distinct points.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    (n,) bool
+    """
+    again = rules.rows(_disputed(rules))
+    if not len(again):
+        return np.zeros(len(points), bool)
+    # The new neighbourhood lies around the foot, as many points as the old one around the centre.
+    moved = np.linalg.norm(again.feet - again.centers, axis=1)
+    reach = np.sqrt(again.stretch) * again.radius / RADIUS + moved
+    widest = np.full(len(points), 1.001 * reach.max())  # more than rounding takes from the radii
+    return np.asarray(KdTree(again.feet, n_threads).crowded(points, 1, widest, n_threads), bool)
+
+
+def _disputed(rules: RuleBase) -> NDArray[np.bool_]:
+    return np.asarray(rules.support < UNDISPUTED)

@@ -1,0 +1,116 @@
+"""Off-line rules: how far a rule is to be trusted at a place, learned from known shapes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from o3d_sofnn.rules.rule_base import RuleBase
+from o3d_sofnn.sofnn.estimator import SOFNN
+from o3d_sofnn.sofnn.rule_file import read_rules
+
+Array = NDArray[np.float64]
+
+
+SHIPPED = Path(__file__).parent / "off_line_rules.json"
+"""What ``python -m o3d_sofnn.training`` writes."""
+
+
+INPUTS = ("residual", "noise", "curvature", "distance", "cosine", "reach")
+"""Inputs of the off-line rules. The first three belong to a rule: logarithms of the residual of its
+fit over its radius, of the noise level over its radius, and of the size of its second-order
+coefficients. The others belong to a place: fourth root of its distance to the quadric over the
+radius, cosine between the normal there and the side, squared distance in the tangent plane over
+the radius."""
+
+
+OF_RULE = 3
+"""How many of them belong to a rule."""
+
+
+LEAST = 1e-4
+"""Smallest value that a logarithm sees."""
+
+
+EMPHASIS = 0.5
+"""Weight of the expected logarithm of the squared error in the logarithm of a membership: with one,
+memberships go with the inverse squared error, as in a mean of independent measurements; rules that
+overlap are not independent."""
+
+
+@dataclass(frozen=True)
+class Experience:
+    """A network from the inputs above to the logarithm of the squared error of a rule's normal.
+
+    The network is the paper's own (:class:`SOFNN`), with linear consequents and few enough rules to
+    be read. The membership of a place in a rule of the cloud is divided by the error that the
+    network expects of it.
+
+    Attributes
+    ----------
+    network : SOFNN
+        Fitted, at most 8 rules.
+    """
+
+    network: SOFNN
+
+    @property
+    def neurons(self) -> Array:
+        """Part of the network that belongs to places, (m, 3, 3), as the native kernels take it."""
+        places = slice(OF_RULE, None)
+        parts = (
+            self.network.centers_[:, places],
+            1.0 / self.network.widths_[:, places],
+            -EMPHASIS * self._slopes[:, places],
+        )
+        return np.ascontiguousarray(np.stack(parts, axis=1))
+
+    def gates(self, rules: RuleBase) -> Array:
+        """Part that belongs to the rules of a cloud, (r, m, 2), as the native kernels take it."""
+        own = slice(None, OF_RULE)
+        offset = rule_inputs(rules)[:, None] - self.network.centers_[:, own]
+        firing = -0.5 * ((offset / self.network.widths_[:, own]) ** 2).sum(axis=2)  # Eq. (11)
+        said = self.network.theta_[0] + (offset * self._slopes[:, own]).sum(axis=2)
+        return np.ascontiguousarray(np.stack([firing, -EMPHASIS * said], axis=2))
+
+    @property
+    def _slopes(self) -> Array:
+        slopes = self.network.slopes_
+        if slopes is None:
+            return np.zeros_like(self.network.centers_)
+        return np.asarray(slopes[0])
+
+
+def rule_inputs(rules: RuleBase) -> Array:
+    """Return the inputs that belong to the rules of a cloud, (r, 3)."""
+    curvature = np.sqrt((rules.coefficients[:, 3:] ** 2).sum(axis=1))
+    inputs = np.stack(
+        [rules.residual / rules.radius, rules.noise / rules.radius, curvature], axis=1
+    )
+    return np.asarray(np.log(np.maximum(inputs, LEAST)))
+
+
+def place_inputs(distance: Array, cosine: Array, reach: Array) -> Array:
+    """Return the inputs that belong to places, (..., 3).
+
+    Parameters
+    ----------
+    distance : (...) float64
+        To the quadric of a rule, over its radius.
+    cosine : (...) float64
+        Between the normal of the quadric and the side.
+    reach : (...) float64
+        Squared distance in the tangent plane, over the radius.
+    """
+    root = np.minimum(np.abs(distance), 1.0) ** 0.25
+    return np.stack([root, cosine, np.minimum(reach, 4.0)], axis=-1)
+
+
+@cache
+def shipped() -> Experience:
+    """Return the off-line rules that come with the package."""
+    return Experience(read_rules(SHIPPED, INPUTS))

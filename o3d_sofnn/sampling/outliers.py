@@ -1,0 +1,154 @@
+"""Stage 2: points that lie on no surface (Algorithm 1, step 5)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from o3d_sofnn._kernels import KdTree, fit_scales
+from o3d_sofnn.sampling.scale import Scale, choose_scale
+
+COMPANY = 8
+"""Neighbours looked at."""
+
+
+ALONE = (2.2, 2.5)
+"""Mean distance to the neighbours from which on a point is alone, over the usual one of the region
+and over that of the neighbours themselves."""
+
+
+SPARSE = 2.0
+"""Distance of neighbours, over that of the whole cloud, from which on pilots may be outliers."""
+
+
+FLAT = 0.05
+"""Surface variation of neighbourhoods that lie on a surface."""
+
+
+MANY = 0.01
+"""Share of outliers from which on the rest is looked at again: where some are far from the surface
+others are near it."""
+
+
+def part_outliers(
+    points: NDArray[np.float64],
+    max_neighbors: int | None,
+    max_radius: float | None,
+    n_threads: int,
+) -> tuple[NDArray[np.bool_], NDArray[np.float64], KdTree, Scale]:
+    """Find the outliers, and the scale of what remains.
+
+    Many outliers make each other's company, and the spacing of the surface hard to see: then the
+    same is asked once more of what remains.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        Distinct points in Morton order.
+    max_neighbors, max_radius, n_threads
+        As in :func:`o3d_sofnn.sampling.scale.choose_scale`.
+
+    Returns
+    -------
+    inliers : (n,) bool
+        False for outliers.
+    clean : (m, 3) float64
+        The inliers.
+    tree : KdTree
+        Over them.
+    scale : Scale
+        Of them.
+    """
+    inliers, clean, share = np.ones(len(points), bool), points, 1.0
+    tree = KdTree(clean, n_threads)
+    scale = choose_scale(clean, tree, max_neighbors, max_radius, n_threads)
+    for _ in range(2):
+        if share < MANY:
+            break
+        outliers = find_outliers(clean, tree, scale, n_threads)
+        share = float(outliers.mean())
+        if share > 0.0:
+            inliers[inliers] = ~outliers
+            clean = np.ascontiguousarray(points[inliers])
+            tree = KdTree(clean, n_threads)
+            scale = choose_scale(clean, tree, max_neighbors, max_radius, n_threads)
+    return inliers, clean, tree, scale
+
+
+def find_outliers(
+    points: NDArray[np.float64],
+    tree: KdTree,
+    scale: Scale,
+    n_threads: int,
+) -> NDArray[np.bool_]:
+    """Mark points that lie alone (Algorithm 1, step 5).
+
+    The paper counts points in the cells around. With uneven density the same question is asked of
+    the mean distance to the nearest points: against theirs (Breunig et al. 2000, local outlier
+    factor), and against the spacing of the region, for outliers that have each other as neighbours;
+    sparse parts of a surface are told from those by being flat.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        Distinct points.
+    tree : KdTree
+        Over `points`.
+    scale : Scale
+        Of the same points.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    (n,) bool
+        True for outliers.
+    """
+    k = min(COMPANY + 1, len(points))
+    if k < 5:
+        return np.zeros(len(points), bool)
+    usual = _usual_distance(points, tree, scale, k, n_threads)
+    # All neighbours within the limit: so is their mean. Only the few others are looked at closely.
+    crowded = tree.crowded(points, k, ALONE[0] * usual, n_threads)
+    doubtful = np.flatnonzero(crowded == 0)
+    reach, index = _mean_distance(points[doubtful], tree, k, n_threads)
+    alone = reach > ALONE[0] * usual[doubtful]
+    lonely, reach, index = doubtful[alone], reach[alone], index[alone]
+    if not 0 < len(lonely) < 0.5 * len(points):
+        return np.zeros(len(points), bool)
+    _, info = fit_scales(tree, points, points[lonely], np.array([k + 4], np.int64), n_threads)
+    around, _ = _mean_distance(points[index.ravel()], tree, k, n_threads)
+    apart = reach > ALONE[1] * np.median(around.reshape(index.shape), axis=1)
+    outlier = np.zeros(len(points), bool)
+    outlier[lonely] = apart | (info[:, 0, 3] > FLAT)
+    return outlier
+
+
+def _usual_distance(
+    points: NDArray[np.float64], tree: KdTree, scale: Scale, k: int, n_threads: int
+) -> NDArray[np.float64]:
+    """Distance of neighbours on the surface around each point, (n,).
+
+    Where outliers are many, pilots are among them; those that stand neither close nor on a surface
+    have no say, or outliers would be compared with outliers.
+    """
+    usual = scale.spacing + scale.noise
+    credible = usual <= SPARSE * np.median(usual)
+    sparse = np.flatnonzero(~credible)
+    if len(sparse):
+        places = scale.places[sparse]
+        _, info = fit_scales(tree, points, places, np.array([k + 4], np.int64), n_threads)
+        credible[sparse] = info[:, 0, 3] < FLAT
+    if credible.all():
+        return np.asarray(usual[scale.at(points, n_threads)])
+    places = scale.places[credible]
+    near = KdTree(places, n_threads).query(points, 1, np.inf, n_threads)[1][:, 0]
+    return np.asarray(usual[credible][near])
+
+
+def _mean_distance(
+    x: NDArray[np.float64], tree: KdTree, k: int, n_threads: int
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Mean distance of points of the tree to their neighbours, and these without the point."""
+    distance, index = tree.query(x, k, np.inf, n_threads)
+    return np.asarray(distance[:, 1:].mean(axis=1)), np.asarray(index[:, 1:])

@@ -1,0 +1,1 @@
+"""Section 3 for any data: the self-organized fuzzy neural network."""
