@@ -26,7 +26,8 @@ from o3d_sofnn.rules.inference import infer_normals
 from o3d_sofnn.rules.rule_base import RuleBase, fit_rules
 from o3d_sofnn.rules.trust import EMPHASIS, INPUTS, shipped
 from o3d_sofnn.sampling.cells import sort_unique
-from o3d_sofnn.sampling.scale import choose_scale, refine_scale
+from o3d_sofnn.sampling.local_fit import Neighborhoods
+from o3d_sofnn.sampling.scale import Limits, choose_scale, refine_scale
 from o3d_sofnn.sampling.typical_data import typical_data
 from o3d_sofnn.training.lessons import draw_pairs, lessons
 
@@ -74,7 +75,7 @@ def stages(cloud: Cloud) -> Iterator[tuple[str, float]]:
     truth = Cloud(x, cloud.normals[order], cloud.inliers[order])
     tree = KdTree(x, -1)
     yield "plane, k = 30 (Open3D)", truth.error(planes(truth))
-    scale = choose_scale(x, tree, None, None, -1)
+    scale = choose_scale(x, tree, Limits(), -1)
     size = scale.n_neighbors[scale.at(x, -1)]
     quadrics = np.zeros_like(x)
     for k in np.unique(size):
@@ -90,7 +91,7 @@ def stages(cloud: Cloud) -> Iterator[tuple[str, float]]:
         centers, facing = typical_data(x, known, tree, scale, -1)
         pilot = scale.at(centers, -1)
         size, noise = scale.n_neighbors[pilot], scale.noise[pilot]
-        return fit_rules(x, tree, centers, size, noise, -1, normals=known, sides=facing)
+        return fit_rules(tree, x, known, Neighborhoods(centers, facing, size, noise), -1)
 
     rules = rules_with(same)
     nearest = tree.query(rules.feet, 1, np.inf, -1)[1][:, 0]
@@ -100,7 +101,7 @@ def stages(cloud: Cloud) -> Iterator[tuple[str, float]]:
     yield "+ memberships in residual and quality", truth.error(infer_normals(rules, x, -1)[0])
     error = truth.error(infer_normals(rules_with(sides), x, -1, sides=sides)[0])
     yield "+ sides: global normals in typical data, fits, inference", error
-    scale = refine_scale(x, tree, scale, sides, None, None, -1)
+    scale = refine_scale(x, tree, scale, sides, Limits(), -1)
     error = truth.error(infer_normals(rules_with(sides), x, -1, sides=sides)[0])
     yield "+ scale refined with sides", error
     with (

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from o3d_sofnn import adapters, pipeline, validation
 from o3d_sofnn.meshing.attributes import carry
+from o3d_sofnn.options import Options
 from o3d_sofnn.progress import ProgressBar, ProgressCallback
 from o3d_sofnn.results import (
     NormalEstimate,
@@ -87,23 +88,21 @@ def estimate_normals(
     """
     cloud = adapters.read_cloud(pcd)
     max_nn, radius = adapters.read_search_param(search_param)
-    validation.check_exclusive(viewpoint=viewpoint, towards=towards)
-    viewpoint = validation.check_viewpoint(viewpoint, len(cloud.points), "viewpoint")
-    towards = validation.check_direction(towards, "towards")
-    n_threads = validation.check_n_threads(n_threads)
+    options = Options.checked(
+        len(cloud.points),
+        max_nn=max_nn,
+        radius=radius,
+        viewpoint=viewpoint,
+        towards=towards,
+        n_threads=n_threads,
+    )
     if len(cloud.points) == 0:
         _logger.warning("pcd has no points: returned unchanged")
         return (pcd, None) if return_details else pcd
     finite = _finite_points(cloud)
     with _progress(print_progress) as progress:
         estimate = pipeline.estimate_normals(
-            _rows(cloud.points, finite),
-            max_nn=max_nn,
-            radius=radius,
-            viewpoint=_seen_from(viewpoint, finite),
-            towards=towards,
-            n_threads=n_threads,
-            progress=progress,
+            _rows(cloud.points, finite), options.of_rows(finite), progress=progress
         )
     for warning in estimate.warnings:
         _logger.warning(warning)
@@ -122,6 +121,7 @@ def reconstruct_surface(
     towards: ArrayLike | None = None,
     trim: float | Literal["auto"] | None = None,
     target_triangles: int | None = None,
+    precision: float | None = None,
     search_param: Any = None,
     n_threads: int = -1,
     print_progress: bool | ProgressCallback = False,
@@ -150,6 +150,9 @@ def reconstruct_surface(
         at most 5 % of that of the supported surface. None keeps the mesh closed.
     target_triangles : int, optional
         Decimate to so many triangles (at least 4); a closed mesh stays closed. None keeps all.
+    precision : float, optional
+        Largest distance that the local surfaces shall leave to the points (epsilon of Algorithm 2),
+        in the cloud's unit. None takes it from the noise.
     search_param : open3d.geometry.KDTreeSearchParamKNN, ...Radius, ...Hybrid, optional
         Largest neighbourhood of a local fit, in points, in the cloud's unit, or both. None finds
         it from the data.
@@ -180,32 +183,27 @@ def reconstruct_surface(
     """
     cloud = adapters.read_cloud(pcd)
     max_nn, radius = adapters.read_search_param(search_param)
-    validation.check_exclusive(depth=depth, voxel_size=voxel_size)
-    validation.check_exclusive(
-        use_normals=use_normals or None, viewpoint=viewpoint, towards=towards
+    options = Options.checked(
+        len(cloud.points),
+        use_normals=use_normals,
+        max_nn=max_nn,
+        radius=radius,
+        viewpoint=viewpoint,
+        towards=towards,
+        n_threads=n_threads,
+        depth=depth,
+        voxel_size=voxel_size,
+        trim=trim,
+        target_triangles=target_triangles,
+        precision=precision,
     )
-    viewpoint = validation.check_viewpoint(viewpoint, len(cloud.points), "viewpoint")
-    towards = validation.check_direction(towards, "towards")
-    depth = validation.check_integer(depth, "depth", 1, validation.MAX_DEPTH)
-    voxel_size = validation.check_positive(voxel_size, "voxel_size")
-    trim = validation.check_trim(trim)
-    target_triangles = validation.check_integer(target_triangles, "target_triangles", 4)
-    n_threads = validation.check_n_threads(n_threads)
     finite = _finite_points(cloud)
     normals = _own_normals(cloud, finite) if use_normals else None
     with _progress(print_progress) as progress:
         estimate = pipeline.reconstruct_surface(
             _rows(cloud.points, finite),
+            options.of_rows(finite),
             normals=None if normals is None else _rows(normals, finite),
-            viewpoint=_seen_from(viewpoint, finite),
-            towards=towards,
-            depth=depth,
-            voxel_size=voxel_size,
-            trim=trim,
-            target_triangles=target_triangles,
-            max_nn=max_nn,
-            radius=radius,
-            n_threads=n_threads,
             progress=progress,
         )
     for warning in estimate.normals.warnings:
@@ -252,12 +250,6 @@ def _own_normals(cloud: adapters.CloudArrays, finite: NDArray[np.bool_]) -> NDAr
     if not cloud.normals[finite].any():
         raise ValueError("use_normals: expected normals, got zero vectors only")
     return cloud.normals
-
-
-def _seen_from(
-    viewpoint: NDArray[np.float64] | None, finite: NDArray[np.bool_]
-) -> NDArray[np.float64] | None:
-    return _rows(viewpoint, finite) if viewpoint is not None and viewpoint.ndim == 2 else viewpoint
 
 
 def _rows(array: NDArray[np.float64], mask: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -1,72 +1,64 @@
-"""The two operators on arrays: a call a stage, a file behind each; stages 1 to 5 in `learning`."""
+"""The method, top to bottom: two operators on arrays, a call a stage, a file behind each call."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree, vertex_normals
 from o3d_sofnn.geometry import mesh_properties
-from o3d_sofnn.geometry.vectors import bounds
+from o3d_sofnn.geometry.vectors import bounds, longest_side
 from o3d_sofnn.implicit.field import Field
 from o3d_sofnn.implicit.units import local_surfaces
 from o3d_sofnn.meshing.attributes import attribute_weights
 from o3d_sofnn.meshing.mesh import mesh
 from o3d_sofnn.meshing.resolution import choose_cubes
+from o3d_sofnn.options import Options
 from o3d_sofnn.orientation.confidence import certainty
 from o3d_sofnn.orientation.sheets import settle
-from o3d_sofnn.orientation.viewpoint import find_sides, leaned, turned_to
+from o3d_sofnn.orientation.viewpoint import directions_to, find_sides, leaned, turned_along
 from o3d_sofnn.progress import STAGES, Clock, ProgressCallback
 from o3d_sofnn.results import NormalEstimate, SurfaceEstimate
 from o3d_sofnn.rules.growth import grow
 from o3d_sofnn.rules.inference import infer_normals
-from o3d_sofnn.rules.off_surface import part_from_surface
+from o3d_sofnn.rules.off_surface import beside_surface
 from o3d_sofnn.rules.rule_base import RuleBase, fit_rules
 from o3d_sofnn.rules.trust import Experience, shipped
 from o3d_sofnn.sampling.cells import sort_unique
-from o3d_sofnn.sampling.outliers import MANY, part_outliers
-from o3d_sofnn.sampling.scale import Scale, choose_scale, refine_scale
+from o3d_sofnn.sampling.local_fit import Neighborhoods
+from o3d_sofnn.sampling.outliers import MANY, Samples, part_outliers
+from o3d_sofnn.sampling.scale import Limits, refine_scale
 from o3d_sofnn.sampling.typical_data import typical_data
 from o3d_sofnn.validation import affine_rank, thread_count
 
 __all__ = ["STAGES", "NormalEstimate", "SurfaceEstimate", "estimate_normals", "reconstruct_surface"]
-
 
 Array = NDArray[np.float64]
 
 
 def estimate_normals(
     points: Array,
+    options: Options | None = None,
     *,
-    max_nn: int | None = None,
-    radius: float | None = None,
-    viewpoint: Array | None = None,
-    towards: Array | None = None,
-    n_threads: int = -1,
     progress: ProgressCallback | None = None,
+    **fields: Any,
 ) -> NormalEstimate:
-    """Estimate oriented normals (stages 1 to 6).
+    """Estimate oriented normals (Algorithm 1).
 
     Parameters
     ----------
     points : (n, 3) float64
         Finite, at least 4, in any unit.
-    max_nn : int, optional
-        Largest number of points in a local fit. None chooses from the data.
-    radius : float, optional
-        Largest radius of a local fit, in the unit of the points.
-    viewpoint : (3,) or (n, 3) float64, optional
-        A place that all normals face, or one for each point.
-    towards : (3,) float64, optional
-        A direction that the normals of each separate piece shall face in the mean.
-    n_threads : int, default -1
-        Threads; -1 for one a core. The result does not depend on it.
+    options : Options, optional
+        What the user has chosen.
     progress : callable, optional
         Called with the fraction done and the name of the stage that begins.
+    **fields
+        Attributes of :class:`Options` by name, over those of `options`.
 
     Returns
     -------
@@ -77,59 +69,37 @@ def estimate_normals(
     ValueError
         `points` has fewer than 4 rows, or they are all equal or on one line.
     """
-    threads = thread_count(n_threads)
+    options = replace(options or Options(), **fields)
     clock = Clock(progress)
-    learned = learn_rules(
-        points, None, max_nn, radius, viewpoint, towards, threads, clock, shipped()
-    )
-    estimate = _facing(viewpoint, points, _infer(learned, threads, clock)[0])
+    learned = learn_rules(points, options, clock, experience=shipped())
+    estimate = _facing(options, points, infer(learned, options, clock)[0])
     clock.finish()
     return estimate
 
 
 def reconstruct_surface(
     points: Array,
+    options: Options | None = None,
     *,
     normals: Array | None = None,
-    viewpoint: Array | None = None,
-    towards: Array | None = None,
-    depth: int | None = None,
-    voxel_size: float | None = None,
-    trim: float | Literal["auto"] | None = None,
-    target_triangles: int | None = None,
-    precision: float | None = None,
-    max_nn: int | None = None,
-    radius: float | None = None,
-    n_threads: int = -1,
     progress: ProgressCallback | None = None,
+    **fields: Any,
 ) -> SurfaceEstimate:
-    """Reconstruct a closed surface (stages 1 to 9).
+    """Reconstruct a surface (Algorithms 1 and 2).
 
     Parameters
     ----------
     points : (n, 3) float64
         Finite, at least 4, in any unit.
+    options : Options, optional
+        What the user has chosen.
     normals : (n, 3) float64, optional
-        Known sides: the surface faces them. None finds the sides from the points. At most one of
-        `normals`, `viewpoint` and `towards`.
-    viewpoint, towards
-        As in :func:`estimate_normals`: the surface faces the place, or its pieces the direction.
-    depth : int, optional
-        The longest side of the bounding box, that of the outliers left out, is divided into
-        ``2**depth`` cubes.
-    voxel_size : float, optional
-        Edge of a cube, in the unit of the points. Without `depth` and `voxel_size` it is chosen
-        from spacing and noise.
-    trim : float or "auto", optional
-        Cut away what has a confidence below this, 0 to 1; the mesh is then open. "auto" cuts at
-        0.5 and leaves holes closed that are small beside the data (:func:`trimming.cut`).
-    target_triangles : int, optional
-        Collapse edges until so many are left (:func:`decimation.decimate`). None keeps all.
-    precision : float, optional
-        Largest residual that the local surfaces shall leave (epsilon of Algorithm 2), in the unit
-        of the points. None takes it from noise and size.
-    max_nn, radius, n_threads, progress
-        As in :func:`estimate_normals`.
+        Known sides: the surface faces them. None finds the sides from the points. Not together with
+        a viewpoint or a direction in `options`.
+    progress : callable, optional
+        Called with the fraction done and the name of the stage that begins.
+    **fields
+        Attributes of :class:`Options` by name, over those of `options`.
 
     Returns
     -------
@@ -141,163 +111,130 @@ def reconstruct_surface(
         `points` has fewer than 4 rows, or they are all equal, on one line, or (without `trim`) in
         one plane; `voxel_size` asks for more than 500,000 cubes along one side.
     """
-    threads = thread_count(n_threads)
+    options = replace(options or Options(), **fields)
     clock = Clock(progress)
-    if trim is None and affine_rank(points) == 2:
+    if options.trim is None and affine_rank(points) == 2:
         raise ValueError("points lie in one plane and enclose nothing: give trim to get a sheet")
-    learned = learn_rules(
-        points, normals, max_nn, radius, viewpoint, towards, threads, clock, shipped()
-    )
-    estimate, facing, residual = _infer(learned, threads, clock)
-    rules = learned.rules
-
-    with clock.stage("local surfaces"):
-        inliers = learned.points
-        if not learned.inliers.all():
-            inliers = inliers[learned.inliers]
-            facing, residual = facing[learned.inliers], residual[learned.inliers]
-        limit = None if precision is None else precision / learned.extent
-        rules, surfaces = local_surfaces(rules, inliers, facing, learned.tree, threads, limit)
-        distinct, inverse, scale = learned.points, learned.inverse, learned.scale
-        middle, extent = learned.middle, learned.extent
-        del learned  # with its tree
-    with clock.stage("field"):
-        samples = inliers - residual[:, None] * facing
+    learned = learn_rules(points, options, clock, normals=normals, experience=shipped())
+    estimate, facing, residual = infer(learned, options, clock)
+    threads, cloud, samples = thread_count(options.n_threads), learned.cloud, learned.samples
+    facing, residual = facing[samples.kept], residual[samples.kept]
+    with clock.stage("local surfaces"):  # Algorithm 2
+        precision = None if options.precision is None else options.precision / cloud.extent
+        inliers = cloud.points if samples.kept.all() else cloud.points[samples.kept]
+        rules, surfaces = local_surfaces(
+            learned.rules, inliers, facing, samples.tree, threads, precision
+        )
+    with clock.stage("field"):  # section 4
+        on_surface = inliers - residual[:, None] * facing
+        scale = samples.scale
+        del learned, samples  # with their tree
         spacing = scale.spacing[scale.at(inliers, threads)]
-        usual = float(np.median(scale.spacing))
-        wanted = None if voxel_size is None else voxel_size / extent
         size, finest, levels = choose_cubes(
-            inliers, samples, spacing, usual, rules, depth, wanted, threads
+            inliers,
+            on_surface,
+            spacing,
+            float(np.median(scale.spacing)),
+            rules,
+            _voxel_size(options, inliers, cloud.extent),
+            threads,
         )
         spacing = np.maximum(spacing, finest * np.exp2(levels))
-        implicit = Field(rules, surfaces, samples, facing, spacing, threads)
+        implicit = Field(rules, surfaces, on_surface, facing, spacing, threads)
     del inliers, facing, residual, spacing  # a third of what is held
     with clock.stage("surface"):
         vertices, triangles, confidence = mesh(
-            implicit, samples, finest, levels, trim, target_triangles, threads
+            implicit, on_surface, finest, levels, options.trim, options.target_triangles, threads
         )
-    del implicit, samples
+    del implicit, on_surface
     with clock.stage("attributes"):
         facing = np.asarray(vertex_normals(vertices, triangles))
         near = np.flatnonzero(confidence > 0.0)
         facing[near] = infer_normals(rules, vertices[near], threads)[0]
     clock.finish()
     return SurfaceEstimate(
-        vertices=vertices * extent + middle,
+        vertices=vertices * cloud.extent + cloud.middle,
         triangles=triangles,
         vertex_normals=facing,
         confidence=confidence,
-        weigh=partial(attribute_weights, vertices, distinct, inverse, size, threads),
-        normals=_facing(viewpoint, points, estimate),
+        weigh=partial(attribute_weights, vertices, cloud.points, cloud.inverse, size, threads),
+        normals=_facing(options, points, estimate),
         offset_points=surfaces.offset_points,
-        voxel_size=voxel_size or size * extent,
+        voxel_size=options.voxel_size or size * cloud.extent,
         seconds=clock.seconds,
         watertight=mesh_properties.is_closed(triangles),
     )
 
 
-def _infer(learned: Learned, threads: int, clock: Clock) -> tuple[NormalEstimate, Array, Array]:
-    """Stage 6: a normal at every point, outliers and duplicates included.
-
-    Beside the estimate, normals and residuals of the distinct points.
-    """
-    with clock.stage("inference"):
-        rules = learned.rules
-        sides = np.zeros_like(learned.points)
-        sides[learned.inliers] = learned.sides
-        normals, agreement, residual = infer_normals(
-            rules, learned.points, threads, sides=sides, experience=shipped()
-        )
-        nearest = KdTree(rules.feet, threads).query(learned.points, 1, np.inf, threads)[1][:, 0]
-        confidence = agreement * rules.confidence[nearest]
-        noise = rules.noise[nearest]
-        spacing = float(np.median(learned.scale.spacing))
-        doubt = (1.0 - confidence) * np.minimum(1.0, 2.0 * noise / spacing)
-        leaning = leaned(normals, sides, doubt)
-    back = learned.inverse
-    estimate = NormalEstimate(
-        normals=leaning[back],
-        confidence=confidence[back],
-        outliers=~learned.inliers[back],
-        noise=noise[back] * learned.extent,
-        noise_level=float(np.median(learned.scale.noise)) * learned.extent,
-        spacing=spacing * learned.extent,
-        seconds=dict(clock.seconds),
-        rules=rules.moved(learned.extent, learned.middle),
-        warnings=learned.warnings,
-    )
-    return estimate, normals, residual
-
-
-def _facing(viewpoint: Array | None, points: Array, estimate: NormalEstimate) -> NormalEstimate:
-    """Turn every normal to the viewpoint, if there is one."""
-    if viewpoint is None:
-        return estimate
-    return replace(estimate, normals=turned_to(viewpoint, points, estimate.normals))
-
-
 @dataclass(frozen=True)
-class Learned:
-    """What both operators need: the rule base of a cloud moved and scaled into the unit cube.
+class Cloud:
+    """Distinct points of a cloud, moved and scaled into the unit cube.
 
     Attributes
     ----------
     points : (d, 3) float64
-        Distinct points in Morton order, in the unit cube as all that follows.
+        In Morton order.
+    first : (d,) int64
+        Row of the cloud that each of them is.
     inverse : (n,) int64
-        Place of each point of the cloud among them.
-    tree : KdTree
-        Over the m inliers.
-    scale : Scale
-        Of the inliers.
-    inliers : (d,) bool
-        False for outliers.
+        Which of them each row of the cloud is.
+    middle, extent : (3,) float64 and float
+        The cloud is ``extent * points + middle``.
+    """
+
+    points: Array
+    first: NDArray[np.int64]
+    inverse: NDArray[np.int64]
+    middle: Array
+    extent: float
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What both operators need: oriented rules, and what they were learned from.
+
+    Attributes
+    ----------
+    cloud : Cloud
+        Distinct points; all that follows is in their unit.
+    samples : Samples
+        The m of them that are no outliers.
     sides : (m, 3) float64
-        Unit normals of the inliers, as the winding number or the caller has them.
+        Unit normals of the samples, as the winding number or the caller has them.
     rules : RuleBase
         Oriented rules.
-    middle, extent : (3,) float64 and float
-        The cloud is ``extent * x + middle``.
     warnings : tuple of str
         What a user should look at.
     """
 
-    points: Array
-    inverse: NDArray[np.int64]
-    tree: KdTree
-    scale: Scale
-    inliers: NDArray[np.bool_]
+    cloud: Cloud
+    samples: Samples
     sides: Array
     rules: RuleBase
-    middle: Array
-    extent: float
     warnings: tuple[str, ...]
 
 
 def learn_rules(
     points: Array,
-    normals: Array | None,
-    max_nn: int | None,
-    radius: float | None,
-    viewpoint: Array | None,
-    towards: Array | None,
-    threads: int,
+    options: Options,
     clock: Clock,
-    experience: Experience | None,
+    *,
+    normals: Array | None = None,
+    experience: Experience | None = None,
 ) -> Learned:
-    """Learn oriented rules from points: stages 1 to 5.
+    """Learn oriented rules from points.
 
     Parameters
     ----------
     points : (n, 3) float64
         Finite, in any unit.
-    normals, max_nn, radius, viewpoint, towards
-        As in :func:`pipeline.reconstruct_surface` and :func:`pipeline.estimate_normals`.
-    threads : int
-        Threads.
+    options : Options
+        What the user has chosen.
     clock : Clock
         Told the stages.
-    experience : Experience or None
+    normals : (n, 3) float64, optional
+        Known normals.
+    experience : Experience, optional
         Off-line rules.
 
     Returns
@@ -313,50 +250,126 @@ def learn_rules(
         raise ValueError(f"points: at least 4 rows expected, got {len(points)}")
     if affine_rank(points) < 2:
         raise ValueError("points are all equal or lie on one line: no surface goes through them")
-    with clock.stage("cells"):
-        low, high = bounds(points)
-        middle, extent = 0.5 * (low + high), float((high - low).max())
-        order, inverse = sort_unique(points)
-        x = np.ascontiguousarray((points[order] - middle) / extent)
-    with clock.stage("scale"):
-        limit = None if radius is None else radius / extent
-        inliers, clean, tree, scale = part_outliers(x, max_nn, limit, threads)
+    threads = thread_count(options.n_threads)
+    directions = directions_to(options.viewpoint, points)
+    with clock.stage("cells"):  # Algorithm 1, steps 1 and 2
+        cloud = _unit_cube(points)
+    limits = _limits(options, cloud.extent)
+    with clock.stage("scale"):  # Algorithm 1, steps 3 to 6
+        samples = part_outliers(cloud.points, limits, threads)
     with clock.stage("orientation"):
-        sides = find_sides(points, normals, viewpoint, order[inliers], clean, scale, threads)
-        scale = refine_scale(clean, tree, scale, sides, max_nn, limit, threads)
-    rules = _first_rules(clean, tree, scale, sides, threads, clock)
-    with clock.stage("rules"):
-        known = normals is not None or viewpoint is not None
-        warnings: tuple[str, ...] = ()
-        if not known:
-            rules, sides, warnings = settle(rules, sides, clean, towards, threads)
-    many = (~inliers).mean() > MANY
+        rows = cloud.first[samples.kept]
+        known, seen = (None if x is None else x[rows] for x in (normals, directions))
+        sides = find_sides(samples, known, seen, threads)
+    rules, samples = _first_rules(samples, sides, limits, clock, threads)
+    warnings: tuple[str, ...] = ()
+    if known is None and seen is None:
+        with clock.stage("orientation"):
+            rules, sides, warnings = settle(rules, sides, samples.points, options.towards, threads)
+    # Many outliers have disturbed the scale and the rules around them: both are found once more.
+    many = (~samples.kept).mean() > MANY
     if many:
-        with clock.stage("growth"):
-            near = part_from_surface(rules, clean, sides, tree, scale, inliers, threads, experience)
-            clean, sides = clean[near], sides[near]
-            tree = KdTree(clean, threads)
-        with clock.stage("scale"):  # which outliers have disturbed, as the rules around them
-            scale = choose_scale(clean, tree, max_nn, limit, threads)
-            scale = refine_scale(clean, tree, scale, sides, max_nn, limit, threads)
-        rules = _first_rules(clean, tree, scale, sides, threads, clock)
-    with clock.stage("growth"):
-        rules = grow(rules, clean, tree, sides, max_nn, limit, experience, threads)
-        settled = known or towards is not None
+        with clock.stage("outliers"):  # Algorithm 1, step 5, asked of the rules
+            off = beside_surface(rules, samples, sides, experience, threads)
+            samples, sides = samples.without(off, limits, threads), sides[~off]
+        rules, samples = _first_rules(samples, sides, limits, clock, threads)
+    with clock.stage("growth"):  # section 3.2
+        rules = grow(rules, samples, sides, limits, experience, threads)
+    with clock.stage("orientation"):
+        settled = normals is not None or options.faces_known
         rules = replace(rules, confidence=certainty(rules, settled, threads))
-        if many:
-            near = part_from_surface(rules, clean, sides, tree, scale, inliers, threads, experience)
-            sides, tree = sides[near], KdTree(clean[near], threads)
-    return Learned(x, inverse, tree, scale, inliers, sides, rules, middle, extent, warnings)
+    if many:
+        with clock.stage("outliers"):
+            off = beside_surface(rules, samples, sides, experience, threads)
+            samples, sides = samples.parted(off, threads), sides[~off]
+    return Learned(cloud, samples, sides, rules, warnings)
+
+
+def infer(learned: Learned, options: Options, clock: Clock) -> tuple[NormalEstimate, Array, Array]:
+    """Infer a normal at every point, outliers and duplicates included, eq. (7) and (9).
+
+    Parameters
+    ----------
+    learned : Learned
+        Oriented rules of d distinct points.
+    options : Options
+        What the user has chosen.
+    clock : Clock
+        Told the stage.
+
+    Returns
+    -------
+    estimate : NormalEstimate
+        Of all points.
+    normals, residual : (d, 3) and (d,) float64
+        Of the distinct points.
+    """
+    with clock.stage("inference"):
+        cloud, samples, rules = learned.cloud, learned.samples, learned.rules
+        threads = thread_count(options.n_threads)
+        sides = np.zeros_like(cloud.points)
+        sides[samples.kept] = learned.sides
+        normals, agreement, residual = infer_normals(
+            rules, cloud.points, threads, sides=sides, experience=shipped()
+        )
+        nearest = KdTree(rules.feet, threads).query(cloud.points, 1, np.inf, threads)[1][:, 0]
+        confidence = agreement * rules.confidence[nearest]
+        noise = rules.noise[nearest]
+        spacing = float(np.median(samples.scale.spacing))
+        doubt = (1.0 - confidence) * np.minimum(1.0, 2.0 * noise / spacing)
+        leaning = leaned(normals, sides, doubt)
+    back = cloud.inverse
+    estimate = NormalEstimate(
+        normals=leaning[back],
+        confidence=confidence[back],
+        outliers=~samples.kept[back],
+        noise=noise[back] * cloud.extent,
+        noise_level=float(np.median(samples.scale.noise)) * cloud.extent,
+        spacing=spacing * cloud.extent,
+        seconds=dict(clock.seconds),
+        rules=rules.moved(cloud.extent, cloud.middle),
+        warnings=learned.warnings,
+    )
+    return estimate, normals, residual
+
+
+def _unit_cube(points: Array) -> Cloud:
+    low, high = bounds(points)
+    middle, extent = 0.5 * (low + high), float((high - low).max())
+    first, inverse = sort_unique(points)
+    x = np.ascontiguousarray((points[first] - middle) / extent)
+    return Cloud(x, first, inverse, middle, extent)
+
+
+def _limits(options: Options, extent: float) -> Limits:
+    return Limits(options.max_nn, None if options.radius is None else options.radius / extent)
+
+
+def _voxel_size(options: Options, inliers: Array, extent: float) -> float | None:
+    if options.depth is not None:
+        return float(longest_side(inliers) / 2**options.depth)
+    return None if options.voxel_size is None else options.voxel_size / extent
 
 
 def _first_rules(
-    points: Array, tree: KdTree, scale: Scale, sides: Array, threads: int, clock: Clock
-) -> RuleBase:
-    """Draw typical data and fit a rule to each."""
-    with clock.stage("typical data"):
+    samples: Samples, sides: Array, limits: Limits, clock: Clock, threads: int
+) -> tuple[RuleBase, Samples]:
+    """Choose the scale anew with sides, draw typical data, and fit a rule to each."""
+    tree, points = samples.tree, samples.points
+    with clock.stage("scale"):  # Algorithm 1, step 6
+        scale = refine_scale(points, tree, samples.scale, sides, limits, threads)
+    with clock.stage("typical data"):  # section 3.1
         centers, facing = typical_data(points, sides, tree, scale, threads)
         pilot = scale.at(centers, threads)
-        size, noise = scale.n_neighbors[pilot], scale.noise[pilot]
-    with clock.stage("rules"):
-        return fit_rules(points, tree, centers, size, noise, threads, normals=sides, sides=facing)
+        where = Neighborhoods(centers, facing, scale.n_neighbors[pilot], scale.noise[pilot])
+    with clock.stage("rules"):  # Algorithm 1, steps 3 and 5
+        rules = fit_rules(tree, points, sides, where, threads)
+    return rules, replace(samples, scale=scale)
+
+
+def _facing(options: Options, points: Array, estimate: NormalEstimate) -> NormalEstimate:
+    """Turn every normal to the viewpoint, if there is one."""
+    directions = directions_to(options.viewpoint, points)
+    if directions is None:
+        return estimate
+    return replace(estimate, normals=turned_along(directions, estimate.normals))

@@ -136,6 +136,7 @@ STAGES = {
     "orientation": 0.35,
     "typical data": 0.37,
     "rules": 0.42,
+    "outliers": 0.43,
     "growth": 0.45,
     "inference": 0.50,
     "local surfaces": 0.55,

@@ -8,7 +8,7 @@ from shapes import box, join, plane_patch, sphere, torus
 
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.sampling.cells import sort_unique
-from o3d_sofnn.sampling.scale import SCALES, choose_scale, untruncated
+from o3d_sofnn.sampling.scale import SCALES, Limits, choose_scale, untruncated
 
 SHAPES = {"sphere": (sphere, 2.0), "plane": (plane_patch, 1.0), "torus": (torus, 2.8)}
 """Shape and the edge of its bounding box."""
@@ -16,8 +16,7 @@ SHAPES = {"sphere": (sphere, 2.0), "plane": (plane_patch, 1.0), "torus": (torus,
 
 def scale_of(points, **limits):
     points = np.ascontiguousarray(points[sort_unique(points)[0]])
-    limit = limits.get("max_neighbors"), limits.get("max_radius")
-    return choose_scale(points, KdTree(points, 1), *limit, 1)
+    return choose_scale(points, KdTree(points, 1), Limits(**limits), 1)
 
 
 @pytest.mark.parametrize("noise", [0.001, 0.003, 0.01])
@@ -88,9 +87,9 @@ def test_spacing_is_the_edge_of_the_square_of_a_point():
 
 def test_limits_are_kept():
     points = torus(3000).noisy(0.02).points
-    assert scale_of(points, max_neighbors=27).n_neighbors.max() <= 27
+    assert scale_of(points, max_nn=27).n_neighbors.max() <= 27
     free = scale_of(points)
-    limited = scale_of(points, max_radius=0.2)
+    limited = scale_of(points, radius=0.2)
     assert np.median(limited.n_neighbors) < np.median(free.n_neighbors)
 
 

@@ -12,8 +12,9 @@ from o3d_sofnn.rules.inference import infer_normals
 from o3d_sofnn.rules.off_surface import distance_along_surface, off_surface
 from o3d_sofnn.rules.rule_base import fit_rules
 from o3d_sofnn.sampling.cells import sort_unique
-from o3d_sofnn.sampling.outliers import part_outliers
-from o3d_sofnn.sampling.scale import Scale
+from o3d_sofnn.sampling.local_fit import Neighborhoods
+from o3d_sofnn.sampling.outliers import Samples, part_outliers
+from o3d_sofnn.sampling.scale import Limits, Scale
 
 SHAPES = {"sphere": (sphere, 2.0), "plane": (plane_patch, 1.0), "torus": (torus, 2.8)}
 """Shape and the edge of its bounding box."""
@@ -21,7 +22,7 @@ SHAPES = {"sphere": (sphere, 2.0), "plane": (plane_patch, 1.0), "torus": (torus,
 
 def outliers_of(cloud):
     order, inverse = sort_unique(cloud)
-    inliers = part_outliers(np.ascontiguousarray(cloud[order]), None, None, 1)[0]
+    inliers = part_outliers(np.ascontiguousarray(cloud[order]), Limits(), 1).kept
     return ~inliers[inverse]
 
 
@@ -76,7 +77,7 @@ def beside(residual, known, distance=None):
     places = points[:1]
     scale = Scale(places, KdTree(places, 1), np.array([12]), 0.01 * one, 0.01 * one)
     inliers = np.concatenate([np.ones(len(points), bool), np.zeros(known, bool)])
-    return off_surface(residual, distance, points, tree, scale, inliers, 1)
+    return off_surface(residual, distance, Samples(points, tree, scale, inliers), 1)
 
 
 def test_more_outliers_make_a_distant_point_more_suspicious():
@@ -101,7 +102,8 @@ def test_rules_that_few_points_support_are_not_asked_for_the_distance():
     sides = np.concatenate([shape.normals[::20], facing[-1:]])
     size, noise = np.full(len(centers), 60), np.full(len(centers), 0.01)
     tree = KdTree(points, 1)
-    rules = fit_rules(points, tree, centers, size, noise, 1, normals=facing, sides=sides)
+    where = Neighborhoods(centers, sides, size, noise)
+    rules = fit_rules(tree, points, facing, where, 1)
     followed = infer_normals(rules, points, 1, sides=facing)[2]
     assert abs(followed[-1]) < 0.02
     along = distance_along_surface(rules, points, facing, 1)

@@ -46,13 +46,10 @@ def test_cubes_beside_edges_are_finer(cube):
     assert levels[flat[near] == 0.0].max() < levels[flat[near] > 2.0 * size].min()
 
 
-@pytest.mark.parametrize(("depth", "voxel_size"), [(5, None), (None, 1.0 / 32)])
-def test_who_gives_a_resolution_gets_it_everywhere(cube, depth, voxel_size):
+def test_who_gives_a_resolution_gets_it_everywhere(cube):
     points, spacing, rules = cube
     sparse = np.where(points[:, 0] < 0.0, spacing, 4.0 * spacing)
-    size, finest, levels = choose_cubes(
-        points, points, sparse, spacing, rules, depth, voxel_size, 1
-    )
+    size, finest, levels = choose_cubes(points, points, sparse, spacing, rules, 1.0 / 32, 1)
     assert size == finest == pytest.approx(np.ptp(points, axis=0).max() / 32, rel=1e-2)
     assert not levels.any()
 

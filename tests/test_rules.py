@@ -13,23 +13,17 @@ from o3d_sofnn.pipeline import estimate_normals
 from o3d_sofnn.rules.growth import RESIZED, SUPPORTED, discard, reshape
 from o3d_sofnn.rules.refit import UNDISPUTED, read_normals, revise
 from o3d_sofnn.rules.rule_base import LONGEST, fit_rules
+from o3d_sofnn.sampling.local_fit import Neighborhoods
 
 
 def fitted(shape, noise=0.0, **options):
     points = np.ascontiguousarray(shape.points)
     centers = points[::20]
     n = len(centers)
-    return fit_rules(
-        points,
-        KdTree(points, 1),
-        centers,
-        np.full(n, 60),
-        np.full(n, noise),
-        1,
-        normals=shape.normals,
-        sides=shape.normals[::20],
-        **options,
+    where = Neighborhoods(
+        centers, shape.normals[::20], np.full(n, 60), np.full(n, noise), **options
     )
+    return fit_rules(KdTree(points, 1), points, shape.normals, where, 1)
 
 
 def test_rules_of_a_tube_are_long_along_it():
@@ -73,16 +67,10 @@ def test_rules_that_face_away_from_all_points_are_left_out():
     away[::7] = True
     points = np.ascontiguousarray(shape.points)
     sides = np.where(away[:, None], -1.0, 1.0) * shape.normals[::20]
-    wrong = fit_rules(
-        points,
-        KdTree(points, 1),
-        points[::20],
-        np.full(len(rules), 60),
-        np.zeros(len(rules)),
-        1,
-        normals=shape.normals,
-        sides=np.ascontiguousarray(sides),
+    where = Neighborhoods(
+        points[::20], np.ascontiguousarray(sides), np.full(len(rules), 60), np.zeros(len(rules))
     )
+    wrong = fit_rules(KdTree(points, 1), points, shape.normals, where, 1)
     assert (wrong.support[away] < SUPPORTED).all()
     np.testing.assert_array_equal(discard(wrong).centers, wrong.centers[~away])
 
@@ -130,24 +118,16 @@ def blurred_box(stretch=1.0):
     blurred = shape.normals[tree.query(points, 12, np.inf, 1)[1]].mean(axis=1)
     blurred /= np.linalg.norm(blurred, axis=1, keepdims=True)
     centers, size, noise = points[::20], np.full(300, 24), np.zeros(300)
-    rules = fit_rules(
-        points,
-        tree,
-        centers,
-        size,
-        noise,
-        1,
-        normals=blurred,
-        sides=shape.normals[::20],
-        across=unit(np.cross(shape.normals[::20], [0.6, 0.0, 0.8])),
-        stretch=np.full(300, stretch),
-    )
+    sides = shape.normals[::20]
+    across = unit(np.cross(sides, [0.6, 0.0, 0.8]))
+    where = Neighborhoods(centers, sides, size, noise, across, np.full(300, stretch))
+    rules = fit_rules(tree, points, blurred, where, 1)
     return shape, points, tree, rules
 
 
 def test_rules_beside_an_edge_are_fitted_anew_and_gain_by_better_normals():
     shape, points, tree, rules = blurred_box()
-    revised = revise(rules, points, tree, shape.normals, 1)
+    revised = revise(rules, tree, points, shape.normals, 1)
     disputed = rules.support < UNDISPUTED
     assert 0 < disputed.sum() < len(rules)
     assert len(revised) == len(rules)
@@ -163,7 +143,7 @@ def test_rules_with_undisputed_neighborhoods_stay():
     shape = plane_patch(2000)
     rules = fitted(shape)
     tree = KdTree(shape.points, 1)
-    assert revise(rules, shape.points, tree, shape.normals, 1) is rules
+    assert revise(rules, tree, shape.points, shape.normals, 1) is rules
     assert not read_normals(rules, shape.points, 1).any()
 
 
@@ -173,7 +153,7 @@ def test_third_fits_read_no_other_normals_than_those_marked(stretch):
     read = read_normals(rules, points, 1)
     assert 0 < read.sum() < len(points)
     unread = np.where(read[:, None], shape.normals, np.nan)
-    revised = revise(rules, points, tree, unread, 1)
-    expected = revise(rules, points, tree, shape.normals, 1)
+    revised = revise(rules, tree, points, unread, 1)
+    expected = revise(rules, tree, points, shape.normals, 1)
     np.testing.assert_array_equal(revised.coefficients, expected.coefficients)
     np.testing.assert_array_equal(revised.normals, expected.normals)

@@ -13,14 +13,14 @@ from o3d_sofnn.orientation.winding_normals import (
     winding_number_normals,
 )
 from o3d_sofnn.sampling.cells import sort_unique
-from o3d_sofnn.sampling.scale import choose_scale
+from o3d_sofnn.sampling.scale import Limits, choose_scale
 
 
 def oriented(shape, noise=0.0):
     """Share of points on the wrong side, and the normals in Morton order."""
     order, _ = sort_unique(shape.points)
     points = np.ascontiguousarray(shape.points[order])
-    spacing = choose_scale(points, KdTree(points, 1), None, None, 1).spacing
+    spacing = choose_scale(points, KdTree(points, 1), Limits(), 1).spacing
     normals = orient_points(points, noise, float(np.median(spacing)), 1)
     return (np.einsum("nd,nd->n", normals, shape.normals[order]) < 0.0).mean(), normals
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn import pipeline, validation
+from o3d_sofnn.options import Options
 
 Progress = Callable[[float, str], None]
 
@@ -76,7 +77,7 @@ def surface_of_cloud(
     cloud : Cloud
         Points that are not finite are left out and counted in the summary.
     options : mapping
-        Keywords of ``o3d_sofnn.pipeline.reconstruct_surface``, and ``use_normals``.
+        Attributes of :class:`o3d_sofnn.options.Options` by name, and ``use_normals``.
     progress : callable, optional
         Called with the fraction done and the stage.
 
@@ -89,12 +90,12 @@ def surface_of_cloud(
     ValueError
         Bad points or options; also normals that are to be used and are missing.
     """
-    options = dict(options)
-    use_normals = options.pop("use_normals")
-    _check_options(options)
+    chosen = dict(options)
+    use_normals = chosen.pop("use_normals")
+    checked = Options.checked(len(cloud.points), use_normals=use_normals, **chosen)
     kept, points = _finite_points(cloud)
     normals = _own_normals(cloud.normals, kept) if use_normals else None
-    estimate = pipeline.reconstruct_surface(points, normals=normals, progress=progress, **options)
+    estimate = pipeline.reconstruct_surface(points, checked, normals=normals, progress=progress)
     colors = None
     if cloud.colors is not None:
         mixed = estimate.source_weights @ cloud.colors[kept].astype(np.float64)
@@ -126,7 +127,7 @@ def normals_of_cloud(
     cloud : Cloud
         Points that are not finite get the normal (0, 0, 0) and are counted in the summary.
     options : mapping
-        Keywords of ``o3d_sofnn.pipeline.estimate_normals``.
+        Attributes of :class:`o3d_sofnn.options.Options` by name.
     progress : callable, optional
         Called with the fraction done and the stage.
 
@@ -140,33 +141,14 @@ def normals_of_cloud(
     ValueError
         Bad points or options.
     """
-    options = dict(options)
-    _check_options(options)
+    checked = Options.checked(len(cloud.points), **options)
     kept, points = _finite_points(cloud)
-    estimate = pipeline.estimate_normals(points, progress=progress, **options)
+    estimate = pipeline.estimate_normals(points, checked, progress=progress)
     normals = np.zeros_like(cloud.points)
     normals[kept] = estimate.normals
     ignored = len(kept) - len(points)
     summary = {**_summary(estimate, ignored), "seconds": float(sum(estimate.seconds.values()))}
     return normals, summary
-
-
-def _check_options(options: dict[str, Any]) -> None:
-    """Raise ``ValueError`` for an option out of range, as the Open3D operators do."""
-    get = options.get
-    validation.check_exclusive(depth=get("depth"), voxel_size=get("voxel_size"))
-    validation.check_integer(get("depth"), "depth", 1, validation.MAX_DEPTH)
-    validation.check_positive(get("voxel_size"), "voxel_size")
-    validation.check_fraction(get("trim"), "trim")
-    validation.check_integer(get("max_nn"), "max_nn", validation.MIN_NEIGHBORS)
-    validation.check_positive(get("radius"), "radius")
-    validation.check_n_threads(get("n_threads", -1))
-    for name, check in (
-        ("viewpoint", validation.check_vector),
-        ("towards", validation.check_direction),
-    ):
-        if name in options:
-            options[name] = check(options[name], name)
 
 
 def _finite_points(cloud: Cloud) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:

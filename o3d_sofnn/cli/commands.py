@@ -128,6 +128,7 @@ def _reconstruct(cloud: Any, args: argparse.Namespace, options: dict[str, Any]) 
         use_normals=args.use_normals,
         trim=args.trim,
         target_triangles=args.target_triangles,
+        precision=args.precision,
         **options,
     )
 

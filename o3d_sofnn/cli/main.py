@@ -174,6 +174,12 @@ def _add_reconstruct(commands: Any, common: argparse.ArgumentParser) -> None:
     mesh.add_argument(
         "--target-triangles", type=int, metavar="N", help="decimate to N triangles, still closed"
     )
+    mesh.add_argument(
+        "--precision",
+        type=float,
+        metavar="E",
+        help="largest distance of the local surfaces from the points, in the unit of IN",
+    )
     _add_side(mesh).add_argument(
         "--use-normals", action="store_true", help="take the sides from the normals in IN"
     )

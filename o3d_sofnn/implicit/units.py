@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from o3d_sofnn import _kernels
 from o3d_sofnn.rules.inference import infer_normals
 from o3d_sofnn.rules.rule_base import RuleBase, fit_rules, joined
+from o3d_sofnn.sampling.local_fit import Neighborhoods
 
 NOISE_PRECISION = (4.0, 6.0)
 """Precision epsilon over the noise level, where most of that is shape that the quadrics miss, and
@@ -93,17 +94,13 @@ def local_surfaces(
     if not len(divide):
         return rules, surfaces
     centers = surfaces.worst[divide]
-    children = fit_rules(
-        points,
-        tree,
-        centers,
-        rules.n_neighbors[divide] // 2,
-        rules.noise[divide],
-        n_threads,
-        normals=normals,
+    where = Neighborhoods(
+        centers=centers,
         sides=infer_normals(rules, centers, n_threads)[0],
-        confidence=rules.confidence[divide],
+        n_neighbors=rules.n_neighbors[divide] // 2,
+        noise=rules.noise[divide],
     )
+    children = fit_rules(tree, points, normals, where, n_threads, rules.confidence[divide])
     finer = reconstruct_units(children, points, normals, tree, n_threads, precision)
     return rules.joined(children), surfaces.joined(finer)
 

@@ -85,7 +85,6 @@ def choose_cubes(
     spacing: NDArray[np.float64],
     usual_spacing: float,
     rules: RuleBase,
-    depth: int | None,
     voxel_size: float | None,
     n_threads: int,
 ) -> tuple[float, float, NDArray[np.int64]]:
@@ -107,10 +106,8 @@ def choose_cubes(
         The same where the data is as usual.
     rules : RuleBase
         Rules.
-    depth : int or None
-        Octree depth over the longest side.
     voxel_size : float or None
-        Edge of a cube, in the unit of the points.
+        Edge of a cube, in the unit of the points, if the user has given one.
     n_threads : int
         Threads.
 
@@ -123,8 +120,6 @@ def choose_cubes(
     levels : (n,) int64
         The cubes around a sample have an edge of ``finest * 2**level``.
     """
-    if depth is not None:
-        voxel_size = float(longest_side(points) / 2**depth)
     if voxel_size is not None:
         return voxel_size, voxel_size, np.zeros(len(samples), np.int64)
     flat = flat_edges(rules, n_threads)

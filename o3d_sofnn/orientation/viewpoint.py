@@ -9,33 +9,38 @@ from o3d_sofnn.geometry.vectors import unit
 from o3d_sofnn.orientation.winding_normals import (
     orient_points,
 )
-from o3d_sofnn.sampling.scale import Scale
+from o3d_sofnn.sampling.outliers import Samples
 
 LEANING = 0.5
 """Most weight of the winding number's normal beside one from the rules: more turns few of them to
 the right side and costs all of them accuracy."""
 
 
-def seen_from(
-    viewpoint: NDArray[np.float64], points: NDArray[np.float64], sides: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def directions_to(
+    viewpoint: NDArray[np.float64] | None, points: NDArray[np.float64]
+) -> NDArray[np.float64] | None:
+    """Directions from points, (n, 3), to their viewpoint, (3,) or (n, 3); None without one."""
+    return None if viewpoint is None else viewpoint - points
+
+
+def seen_along(directions: NDArray[np.float64], sides: NDArray[np.float64]) -> NDArray[np.float64]:
     """Join the sides that the winding number gives with those that are seen.
 
     The winding number is not sure of sheets that were scanned from both sides and have no rim.
 
     Parameters
     ----------
-    viewpoint : (3,) or (n, 3) float64
-        Position of the scanner, for all points or for each of them.
-    points, sides : (n, 3) float64
-        Points and unit normals of either sign.
+    directions : (n, 3) float64
+        From each point to where it was seen from.
+    sides : (n, 3) float64
+        Unit normals of either sign.
 
     Returns
     -------
     (n, 3) float64
         Unit vectors between the side turned to the viewpoint and the direction to it.
     """
-    return unit(turned_to(viewpoint, points, sides) + unit(viewpoint - points))
+    return unit(turned_along(directions, sides) + unit(directions))
 
 
 def leaned(
@@ -60,47 +65,42 @@ def leaned(
     return unit(normals + np.minimum(share, LEANING)[:, None] * sides)
 
 
-def turned_to(
-    viewpoint: NDArray[np.float64],
-    points: NDArray[np.float64],
-    normals: NDArray[np.float64],
+def turned_along(
+    directions: NDArray[np.float64], normals: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Turn normals to where they were seen from.
-
-    Parameters
-    ----------
-    viewpoint : (3,) or (n, 3) float64
-        Position of the scanner, for all points or for each of them.
-    points : (n, 3) float64
-        Points.
-    normals : (n, 3) float64
-        Their normals, of either sign.
-
-    Returns
-    -------
-    (n, 3) float64
-        None has a negative product with the direction to its viewpoint.
-    """
-    product = np.einsum("nd,nd->n", normals, viewpoint - points)
+    """Turn normals, (n, 3), of either sign so that none looks against its direction, (n, 3)."""
+    product = np.einsum("nd,nd->n", normals, directions)
     return np.where(product[:, None] < 0, -normals, normals)
 
 
 def find_sides(
-    points: NDArray[np.float64],
+    samples: Samples,
     normals: NDArray[np.float64] | None,
-    viewpoint: NDArray[np.float64] | None,
-    rows: NDArray[np.int64],
-    clean: NDArray[np.float64],
-    scale: Scale,
-    threads: int,
+    directions: NDArray[np.float64] | None,
+    n_threads: int,
 ) -> NDArray[np.float64]:
-    """Give the inliers, `rows` of the cloud, unit normals: the caller's or the winding number's."""
-    if normals is None:
-        level, spacing = float(np.median(scale.noise)), float(np.median(scale.spacing))
-        sides = orient_points(clean, level, spacing, threads)
+    """Give every sample a side: the caller's, or that of the winding number.
+
+    Parameters
+    ----------
+    samples : Samples
+        The m points.
+    normals : (m, 3) float64 or None
+        Known normals of any length.
+    directions : (m, 3) float64 or None
+        From each point to where it was seen from, of any length.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    (m, 3) float64
+        Unit normals.
+    """
+    if normals is not None:
+        sides = unit(normals)
     else:
-        sides = unit(normals[rows])
-    if viewpoint is None:
-        return sides
-    places = viewpoint[rows] if viewpoint.ndim == 2 else viewpoint
-    return seen_from(places, points[rows], sides)
+        scale = samples.scale
+        level, spacing = float(np.median(scale.noise)), float(np.median(scale.spacing))
+        sides = orient_points(samples.points, level, spacing, n_threads)
+    return sides if directions is None else seen_along(directions, sides)

@@ -6,12 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn import _kernels
-from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.rules.inference import NEAREST, infer_normals
 from o3d_sofnn.rules.refit import read_normals, revise
 from o3d_sofnn.rules.rule_base import NOISE_TOLERANCE, SHAPE_TOLERANCE, RuleBase, fit_rules
 from o3d_sofnn.rules.trust import Experience
-from o3d_sofnn.sampling.local_fit import sides_around
+from o3d_sofnn.sampling.local_fit import Neighborhoods, sides_around
+from o3d_sofnn.sampling.outliers import Samples
+from o3d_sofnn.sampling.scale import Limits
 
 ERROR = 3.0
 """System error, over the tolerance, above which a new rule is considered."""
@@ -208,36 +209,53 @@ def adjust(rules: RuleBase, points: NDArray[np.float64], n_threads: int) -> Rule
 
 def grow(
     rules: RuleBase,
-    points: NDArray[np.float64],
-    tree: KdTree,
+    samples: Samples,
     sides: NDArray[np.float64],
-    max_nn: int | None,
-    max_radius: float | None,
+    limits: Limits,
     experience: Experience | None,
-    threads: int,
+    n_threads: int,
 ) -> RuleBase:
-    """Fit the rules anew with what they have inferred: generate, reshape, combine, adjust."""
-    normals, _, residual = infer_normals(rules, points, threads, sides=sides, experience=experience)
-    facing = sides_around(rules.centers, rules.normals, normals, tree, threads)
-    centers, count, noise = generate(rules, points, residual, threads)
-    side = infer_normals(rules, centers, threads)[0]
-    size, across, stretch = reshape(rules, max_nn, max_radius)
-    rules = fit_rules(
-        points,
-        tree,
-        np.concatenate([rules.feet, centers]),
-        np.concatenate([size, count]),
-        np.concatenate([rules.noise, noise]),
-        threads,
-        normals=normals,
+    """Learn the structure of the rule base: generate, reshape, combine, refit, adjust.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        First rules, with their sides.
+    samples : Samples
+        The m points that they were fitted to.
+    sides : (m, 3) float64
+        On which side of the surface each lies.
+    limits : Limits
+        Largest neighbourhood allowed.
+    experience : Experience or None
+        Off-line rules.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    RuleBase
+    """
+    tree, points = samples.tree, samples.points
+    normals, _, residual = infer_normals(
+        rules, points, n_threads, sides=sides, experience=experience
+    )
+    facing = sides_around(rules.centers, rules.normals, normals, tree, n_threads)
+    centers, count, noise = generate(rules, points, residual, n_threads)
+    side = infer_normals(rules, centers, n_threads)[0]
+    size, across, stretch = reshape(rules, limits.max_nn, limits.radius)
+    where = Neighborhoods(
+        centers=np.concatenate([rules.feet, centers]),
         sides=np.concatenate([facing, side]),
+        n_neighbors=np.concatenate([size, count]),
+        noise=np.concatenate([rules.noise, noise]),
         across=np.concatenate([across, np.zeros_like(centers)]),
         stretch=np.concatenate([stretch, np.ones(len(centers))]),
     )
-    rules = combine(discard(rules), threads)
-    read = read_normals(rules, points, threads)
+    rules = combine(discard(fit_rules(tree, points, normals, where, n_threads)), n_threads)
+    read = read_normals(rules, points, n_threads)
     normals[read] = infer_normals(
-        rules, points[read], threads, sides=sides[read], experience=experience
+        rules, points[read], n_threads, sides=sides[read], experience=experience
     )[0]
-    rules = discard(revise(rules, points, tree, normals, threads))
-    return adjust(rules, points, threads)
+    rules = discard(revise(rules, tree, points, normals, n_threads))
+    return adjust(rules, points, n_threads)

@@ -7,14 +7,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.rules.inference import infer_normals
 from o3d_sofnn.rules.rule_base import RuleBase
 from o3d_sofnn.rules.trust import Experience
-from o3d_sofnn.sampling.outliers import (
-    COMPANY,
-)
-from o3d_sofnn.sampling.scale import Scale
+from o3d_sofnn.sampling.outliers import COMPANY, Samples
 
 CREDIBLE = 0.3
 """Least support of the rules that tell how far points are from the surface."""
@@ -71,10 +67,7 @@ def distance_along_surface(
 def off_surface(
     residual: NDArray[np.float64],
     distance: NDArray[np.float64],
-    points: NDArray[np.float64],
-    tree: KdTree,
-    scale: Scale,
-    inliers: NDArray[np.bool_],
+    samples: Samples,
     n_threads: int,
 ) -> NDArray[np.bool_]:
     """Mark points that the rules have left beside the surface.
@@ -90,14 +83,8 @@ def off_surface(
         Distance to the rule with the largest membership.
     distance : (m,) float64
         :func:`distance_along_surface`.
-    points : (m, 3) float64
-        Points.
-    tree : KdTree
-        Over `points`.
-    scale : Scale
-        Of the same points.
-    inliers : (n,) bool
-        False for the outliers known so far; `points` are the others.
+    samples : Samples
+        The m points.
     n_threads : int
         Threads.
 
@@ -106,10 +93,11 @@ def off_surface(
     (m,) bool
         True for outliers.
     """
+    points, scale = samples.points, samples.scale
     pilot = scale.at(points, n_threads)
     noise, spacing = np.maximum(scale.noise[pilot], 1e-12), scale.spacing[pilot]
     volume = max(float(np.prod(np.ptp(points, axis=0))), 1e-12)
-    rare = (len(inliers) - inliers.sum()) / volume
+    rare = (len(samples.kept) - samples.kept.sum()) / volume
     dense = 1.0 / (np.sqrt(2.0 * np.pi) * noise * spacing**2)
     within = np.sqrt(2.0 * np.log(np.maximum(dense / max(rare, 1e-12), 1.0)))
     limit = np.maximum(np.clip(within, *WITHIN) * noise, BESIDE * spacing)
@@ -118,24 +106,39 @@ def off_surface(
     doubtful = np.flatnonzero(off)
     if len(doubtful):
         k = min(COMPANY + 1, len(points))
-        around = tree.query(points[doubtful], k, np.inf, n_threads)[1][:, 1:]
+        around = samples.tree.query(points[doubtful], k, np.inf, n_threads)[1][:, 1:]
         off[doubtful] = off[around].mean(axis=1) < 0.5
     return np.asarray(off)
 
 
-def part_from_surface(
+def beside_surface(
     rules: RuleBase,
-    points: NDArray[np.float64],
+    samples: Samples,
     sides: NDArray[np.float64],
-    tree: KdTree,
-    scale: Scale,
-    inliers: NDArray[np.bool_],
-    threads: int,
     experience: Experience | None,
+    n_threads: int,
 ) -> NDArray[np.bool_]:
-    """Take points beside the surface out of the inliers, in place; True for those that stay."""
-    residual = infer_normals(rules, points, threads, sides=sides, experience=experience)[2]
-    along = distance_along_surface(rules, points, sides, threads)
-    near = ~off_surface(residual, along, points, tree, scale, inliers, threads)
-    inliers[inliers] = near
-    return near
+    """Ask the rules which samples they have left beside the surface.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Rules fitted to the samples.
+    samples : Samples
+        The m points.
+    sides : (m, 3) float64
+        On which side of the surface each lies.
+    experience : Experience or None
+        Off-line rules.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    (m,) bool
+        True for outliers.
+    """
+    points = samples.points
+    residual = infer_normals(rules, points, n_threads, sides=sides, experience=experience)[2]
+    along = distance_along_surface(rules, points, sides, n_threads)
+    return off_surface(residual, along, samples, n_threads)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.rules.rule_base import RuleBase, fit_rules
-from o3d_sofnn.sampling.local_fit import RADIUS
+from o3d_sofnn.sampling.local_fit import RADIUS, Neighborhoods
 
 UNDISPUTED = 0.95
 """Share of the neighbourhood facing the side of a rule from which on all of it belongs there."""
@@ -15,8 +15,8 @@ UNDISPUTED = 0.95
 
 def revise(
     rules: RuleBase,
-    points: NDArray[np.float64],
     tree: KdTree,
+    points: NDArray[np.float64],
     normals: NDArray[np.float64],
     n_threads: int,
 ) -> RuleBase:
@@ -29,10 +29,10 @@ def revise(
     ----------
     rules : RuleBase
         Rules fitted with other normals.
-    points, normals : (n, 3) float64
-        Distinct points, and the normals inferred at those that :func:`read_normals` marks.
     tree : KdTree
         Over `points`.
+    points, normals : (n, 3) float64
+        Distinct points, and the normals inferred at those that :func:`read_normals` marks.
     n_threads : int
         Threads.
 
@@ -49,19 +49,10 @@ def revise(
     side = normals[tree.query(again.feet, 1, np.inf, n_threads)[1][:, 0]]
     same = np.einsum("rd,rd->r", side, again.normals) > 0.0
     side = np.where(same[:, None], side, again.normals)
-    fits = fit_rules(
-        points,
-        tree,
-        again.feet,
-        again.n_neighbors,
-        again.noise,
-        n_threads,
-        normals=normals,
-        sides=side,
-        confidence=again.confidence,
-        across=again.ellipses[0],
-        stretch=again.stretch,
+    where = Neighborhoods(
+        again.feet, side, again.n_neighbors, again.noise, again.ellipses[0], again.stretch
     )
+    fits = fit_rules(tree, points, normals, where, n_threads, again.confidence)
     return rules.rows(~disputed).joined(fits)
 
 

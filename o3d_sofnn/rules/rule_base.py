@@ -9,68 +9,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn import _kernels
-from o3d_sofnn.sampling.local_fit import RADIUS, Quadrics, fit_quadrics, spacing_of
+from o3d_sofnn.sampling.local_fit import (
+    RADIUS,
+    Neighborhoods,
+    Quadrics,
+    fit_quadrics,
+    spacing_of,
+)
 from o3d_sofnn.sampling.typical_data import RULES_PER_NEIGHBORHOOD
 
 
 def fit_rules(
-    points: NDArray[np.float64],
     tree: _kernels.KdTree,
-    centers: NDArray[np.float64],
-    n_neighbors: NDArray[np.int64],
-    noise: NDArray[np.float64],
-    n_threads: int,
-    *,
+    points: NDArray[np.float64],
     normals: NDArray[np.float64],
-    sides: NDArray[np.float64],
+    where: Neighborhoods,
+    n_threads: int,
     confidence: NDArray[np.float64] | None = None,
-    across: NDArray[np.float64] | None = None,
-    stretch: NDArray[np.float64] | None = None,
 ) -> RuleBase:
-    """Fit one quadric around each centre (Algorithm 1, steps 3 and 5).
+    """Make a rule of each local fit (Algorithm 1, steps 3 and 5).
 
     Parameters
     ----------
-    points : (n, 3) float64
-        Distinct points.
-    tree : KdTree
-        Over `points`.
-    centers : (r, 3) float64
-        Where the fits are made.
-    n_neighbors : (r,) int64
-        Points in each fit.
-    noise : (r,) float64
-        Noise level at each centre.
-    n_threads : int
-        Threads.
-    normals, sides : (n, 3) and (r, 3) float64
-        Oriented normals of the points and of the rules. A point enters a fit by the
-        square of the cosine between its normal and the rule's, and not at all when it faces the
-        other way: the two sides of a thin sheet and the two faces of an edge are kept apart.
+    tree, points, normals, where, n_threads
+        As in :func:`o3d_sofnn.sampling.local_fit.fit_quadrics`.
     confidence : (r,) float64, optional
         Of the sides, kept with the rules; 1 when not given.
-    across, stretch : (r, 3) and (r,) float64, optional
-        Tangents along which the neighbourhoods are narrow, and how many times longer than wide
-        they are, at the same area. Round when not given.
 
     Returns
     -------
     RuleBase
     """
-    quadrics = fit_quadrics(
-        points,
-        tree,
-        centers,
-        n_neighbors,
-        noise,
-        n_threads,
-        normals=normals,
-        sides=sides,
-        across=across,
-        stretch=stretch,
-    )
-    confidence = np.ones(len(centers)) if confidence is None else confidence
-    return RuleBase(**vars(quadrics), noise=noise, confidence=confidence)
+    quadrics = fit_quadrics(tree, points, normals, where, n_threads)
+    confidence = np.ones(len(quadrics)) if confidence is None else confidence
+    return RuleBase(**vars(quadrics), noise=where.noise, confidence=confidence)
 
 
 NOISE_TOLERANCE = 1.4

@@ -102,73 +102,86 @@ class Quadrics:
         return replace(self, coefficients=coefficients)
 
 
+@dataclass(frozen=True)
+class Neighborhoods:
+    """Where fits are wanted, and which points each of them shall see.
+
+    Attributes
+    ----------
+    centers : (r, 3) float64
+        Where the fits are made.
+    sides : (r, 3) float64
+        Unit normals that the fits face.
+    n_neighbors : (r,) int64
+        Points in each fit.
+    noise : (r,) float64
+        Noise level at each centre.
+    across : (r, 3) float64, optional
+        Tangents along which the neighbourhoods are narrow. Any where they are round.
+    stretch : (r,) float64, optional
+        How many times longer than wide they are, at the same area. Round when not given.
+    """
+
+    centers: NDArray[np.float64]
+    sides: NDArray[np.float64]
+    n_neighbors: NDArray[np.int64]
+    noise: NDArray[np.float64]
+    across: NDArray[np.float64] | None = None
+    stretch: NDArray[np.float64] | None = None
+
+
 def fit_quadrics(
-    points: NDArray[np.float64],
     tree: _kernels.KdTree,
-    centers: NDArray[np.float64],
-    n_neighbors: NDArray[np.int64],
-    noise: NDArray[np.float64],
-    n_threads: int,
-    *,
+    points: NDArray[np.float64],
     normals: NDArray[np.float64],
-    sides: NDArray[np.float64],
-    across: NDArray[np.float64] | None = None,
-    stretch: NDArray[np.float64] | None = None,
+    where: Neighborhoods,
+    n_threads: int,
 ) -> Quadrics:
     """Fit one quadric around each centre (Algorithm 1, steps 3 and 5).
 
     Parameters
     ----------
-    points : (n, 3) float64
-        Distinct points.
     tree : KdTree
         Over `points`.
-    centers : (r, 3) float64
-        Where the fits are made.
-    n_neighbors : (r,) int64
-        Points in each fit.
-    noise : (r,) float64
-        Noise level at each centre.
+    points, normals : (n, 3) float64
+        Distinct points and their oriented normals. A point enters a fit by the square of the cosine
+        between its normal and the side of the fit, and not at all when it faces the other way: the
+        two sides of a thin sheet and the two faces of an edge are kept apart.
+    where : Neighborhoods
+        The r fits that are wanted.
     n_threads : int
         Threads.
-    normals, sides : (n, 3) and (r, 3) float64
-        Oriented normals of the points and of the fits. A point enters a fit by the square of the
-        cosine between the two, and not at all when it faces the other way: the two sides of a thin
-        sheet and the two faces of an edge are kept apart.
-    across, stretch : (r, 3) and (r,) float64, optional
-        Tangents along which the neighbourhoods are narrow, and how many times longer than wide
-        they are, at the same area. Round when not given.
 
     Returns
     -------
     Quadrics
-        Facing `sides`.
+        Facing the sides that are wanted.
     """
-    stretch = np.ones(len(centers)) if stretch is None else stretch
+    stretch = np.ones(len(where.centers)) if where.stretch is None else where.stretch
     _, frames, coefficients, info = _kernels.fit_rules(
         tree,
         points,
-        centers,
-        n_neighbors,
-        ROBUST * noise,
+        where.centers,
+        where.n_neighbors,
+        ROBUST * where.noise,
         3,
         normals,
-        sides,
-        across,
+        where.sides,
+        where.across,
         stretch,
         n_threads,
     )
     quadrics = Quadrics(
-        centers=centers,
+        centers=where.centers,
         frames=np.asarray(frames),
         coefficients=np.asarray(coefficients),
         radius=np.maximum(info[:, 2], 1e-300),
         stretch=stretch,
         residual=np.asarray(info[:, 0]),
         support=np.asarray(info[:, 4]),
-        n_neighbors=n_neighbors,
+        n_neighbors=where.n_neighbors,
     )
-    return quadrics.facing(sides)
+    return quadrics.facing(where.sides)
 
 
 def sides_around(

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree, fit_scales
-from o3d_sofnn.sampling.scale import Scale, choose_scale
+from o3d_sofnn.sampling.scale import Limits, Scale, choose_scale
 
 COMPANY = 8
 """Neighbours looked at."""
@@ -30,13 +32,42 @@ MANY = 0.01
 others are near it."""
 
 
-def part_outliers(
-    points: NDArray[np.float64],
-    max_neighbors: int | None,
-    max_radius: float | None,
-    n_threads: int,
-) -> tuple[NDArray[np.bool_], NDArray[np.float64], KdTree, Scale]:
-    """Find the outliers, and the scale of what remains.
+@dataclass(frozen=True)
+class Samples:
+    """Points that lie on the surface, or about it.
+
+    Attributes
+    ----------
+    points : (m, 3) float64
+        Distinct points without the outliers, in Morton order.
+    tree : KdTree
+        Over them.
+    scale : Scale
+        Of them.
+    kept : (n,) bool
+        Which of the distinct points of the cloud they are.
+    """
+
+    points: NDArray[np.float64]
+    tree: KdTree
+    scale: Scale
+    kept: NDArray[np.bool_]
+
+    def parted(self, off: NDArray[np.bool_], n_threads: int) -> Samples:
+        """Leave out some of the points, (m,) bool; the scale stays."""
+        kept = self.kept.copy()
+        kept[kept] = ~off
+        points = np.ascontiguousarray(self.points[~off])
+        return Samples(points, KdTree(points, n_threads), self.scale, kept)
+
+    def without(self, off: NDArray[np.bool_], limits: Limits, n_threads: int) -> Samples:
+        """Leave out some of the points, (m,) bool, and find the scale of the others."""
+        rest = self.parted(off, n_threads)
+        return replace(rest, scale=choose_scale(rest.points, rest.tree, limits, n_threads))
+
+
+def part_outliers(points: NDArray[np.float64], limits: Limits, n_threads: int) -> Samples:
+    """Part the points from their outliers, and find the scale of what remains.
 
     Many outliers make each other's company, and the spacing of the surface hard to see: then the
     same is asked once more of what remains.
@@ -45,34 +76,23 @@ def part_outliers(
     ----------
     points : (n, 3) float64
         Distinct points in Morton order.
-    max_neighbors, max_radius, n_threads
+    limits, n_threads
         As in :func:`o3d_sofnn.sampling.scale.choose_scale`.
 
     Returns
     -------
-    inliers : (n,) bool
-        False for outliers.
-    clean : (m, 3) float64
-        The inliers.
-    tree : KdTree
-        Over them.
-    scale : Scale
-        Of them.
+    Samples
     """
-    inliers, clean, share = np.ones(len(points), bool), points, 1.0
-    tree = KdTree(clean, n_threads)
-    scale = choose_scale(clean, tree, max_neighbors, max_radius, n_threads)
+    tree = KdTree(points, n_threads)
+    scale = choose_scale(points, tree, limits, n_threads)
+    samples = Samples(points, tree, scale, np.ones(len(points), bool))
     for _ in range(2):
-        if share < MANY:
+        off = find_outliers(samples.points, samples.tree, samples.scale, n_threads)
+        if off.any():
+            samples = samples.without(off, limits, n_threads)
+        if off.mean() < MANY:
             break
-        outliers = find_outliers(clean, tree, scale, n_threads)
-        share = float(outliers.mean())
-        if share > 0.0:
-            inliers[inliers] = ~outliers
-            clean = np.ascontiguousarray(points[inliers])
-            tree = KdTree(clean, n_threads)
-            scale = choose_scale(clean, tree, max_neighbors, max_radius, n_threads)
-    return inliers, clean, tree, scale
+    return samples
 
 
 def find_outliers(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree, fit_scales
-from o3d_sofnn.sampling.local_fit import fit_quadrics, sides_around, spacing_of
+from o3d_sofnn.sampling.local_fit import Neighborhoods, fit_quadrics, sides_around, spacing_of
 
 SCALES = np.array([8, 12, 18, 27, 40, 60, 90, 135, 200, 300, 450, 675, 1000], np.int64)
 """Neighbourhood sizes tried, a factor of 1.5 apart."""
@@ -46,6 +46,22 @@ PILOTS = 1500
 
 
 @dataclass(frozen=True)
+class Limits:
+    """Largest neighbourhood of a local fit that a user allows.
+
+    Attributes
+    ----------
+    max_nn : int or None
+        In points; None for no limit but the data's.
+    radius : float or None
+        In the unit of the points.
+    """
+
+    max_nn: int | None = None
+    radius: float | None = None
+
+
+@dataclass(frozen=True)
 class Scale:
     """Local scale of the data, known at a few pilot points.
 
@@ -77,8 +93,7 @@ class Scale:
 def choose_scale(
     points: NDArray[np.float64],
     tree: KdTree,
-    max_neighbors: int | None,
-    max_radius: float | None,
+    limits: Limits,
     n_threads: int,
 ) -> Scale:
     """Find the neighbourhood size that balances noise against detail, region by region.
@@ -94,10 +109,8 @@ def choose_scale(
         Distinct points in Morton order.
     tree : KdTree
         Over `points`.
-    max_neighbors : int or None
-        Largest neighbourhood allowed; None for no limit but the data's.
-    max_radius : float or None
-        The same as a radius, in the unit of the points.
+    limits : Limits
+        Largest neighbourhood allowed.
     n_threads : int
         Threads.
 
@@ -107,7 +120,7 @@ def choose_scale(
         At up to 1500 pilots, evenly spread over the points.
     """
     n = len(points)
-    sizes = sizes_to_try(n, max_neighbors)
+    sizes = sizes_to_try(n, limits.max_nn)
     pilots = points[np.linspace(0, n - 1, min(n, PILOTS)).astype(np.int64)]
     pilot_tree = KdTree(pilots, n_threads)
     region = pilot_tree.query(pilots, min(REGION, len(pilots)), np.inf, n_threads)[1]
@@ -128,7 +141,7 @@ def choose_scale(
     chosen = np.where(rising.any(axis=1), rising.argmax(axis=1), regional.argmin(axis=1))
     row = np.arange(len(pilots))
     rms, radii = info[:, :, 0], info[:, :, 2]
-    chosen = limit_radius(chosen, radii, max_radius)
+    chosen = limit_radius(chosen, radii, limits.radius)
     telling = (rms < WIDE * radii) & (sizes[: rms.shape[1]] >= ENOUGH)
     smallest = np.where(telling.any(axis=1), telling.argmax(axis=1), chosen)
     rms = untruncated(rms, radii)
@@ -228,8 +241,7 @@ def refine_scale(
     tree: KdTree,
     scale: Scale,
     sides: NDArray[np.float64],
-    max_neighbors: int | None,
-    max_radius: float | None,
+    limits: Limits,
     n_threads: int,
 ) -> Scale:
     """Choose the neighbourhood size anew, from fits that leave the other side of a part out.
@@ -249,28 +261,25 @@ def refine_scale(
         The first choice.
     sides : (n, 3) float64
         Unit normals of the points.
-    max_neighbors, max_radius, n_threads
-        As in :func:`o3d_sofnn.sampling.scale.choose_scale`.
+    limits, n_threads
+        As in :func:`choose_scale`.
 
     Returns
     -------
     Scale
         At the same pilots, noise and spacing as before.
     """
-    sizes = sizes_to_try(len(points), max_neighbors)
+    sizes = sizes_to_try(len(points), limits.max_nn)
     places = scale.places
     nearest = tree.query(places, 1, np.inf, n_threads)[1][:, 0]
     facing = sides_around(places, sides[nearest], sides, tree, n_threads)
     fits = [
         fit_quadrics(
-            points,
             tree,
-            places,
-            np.full(len(places), size),
-            scale.noise,
+            points,
+            sides,
+            Neighborhoods(places, facing, np.full(len(places), size), scale.noise),
             n_threads,
-            normals=sides,
-            sides=facing,
         )
         for size in sizes
     ]
@@ -286,6 +295,6 @@ def refine_scale(
     same = np.einsum("pkd,pd->pk", facing[region], facing) > 0.0
     regional = np.einsum("pk,pks->ps", same, difference[region]) / same.sum(axis=1)[:, None]
     chosen = (regional + 0.25 * difference.mean(axis=0)).argmin(axis=1)
-    chosen = limit_radius(chosen, radius, max_radius)
+    chosen = limit_radius(chosen, radius, limits.radius)
     first = np.searchsorted(sizes, scale.n_neighbors)
     return replace(scale, n_neighbors=sizes[(first + chosen + 1) // 2])

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree
+from o3d_sofnn.options import Options
 from o3d_sofnn.pipeline import learn_rules
 from o3d_sofnn.progress import Clock
 from o3d_sofnn.reference.inference import log_memberships
 from o3d_sofnn.reference.rules import Rules
 from o3d_sofnn.rules.inference import NEAREST
 from o3d_sofnn.rules.trust import place_inputs, rule_inputs
-from o3d_sofnn.sampling.cells import sort_unique
 
 Array = NDArray[np.float64]
 
@@ -78,14 +78,11 @@ def lessons(points: Array, normals: Array, count: int, n_threads: int) -> Lesson
     -------
     Lessons
     """
-    learned = learn_rules(
-        points, None, None, None, None, None, n_threads, Clock(None), experience=None
-    )
+    learned = learn_rules(points, Options(n_threads=n_threads), Clock(None))
     base = learned.rules
-    order, _ = sort_unique(points)
     row = np.linspace(0, len(learned.sides) - 1, count).astype(np.int64)
-    x, side = learned.points[learned.inliers][row], learned.sides[row]
-    truth = normals[order][learned.inliers][row]
+    x, side = learned.samples.points[row], learned.sides[row]
+    truth = normals[learned.cloud.first[learned.samples.kept][row]]
     near = KdTree(base.centers, n_threads).query(x, min(NEAREST, len(base)), np.inf, n_threads)[1]
     rules = Rules(
         base.centers,

@@ -1,0 +1,111 @@
+"""What a user may choose: one set of options for Python, the command line and MeshLab."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from o3d_sofnn import validation
+
+OF_NORMALS = ("max_nn", "radius", "viewpoint", "towards", "n_threads")
+"""Options of both operators; those of the surface alone are the others."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of both operators; every default needs no tuning.
+
+    Attributes
+    ----------
+    max_nn : int, optional
+        Largest number of points in a local fit. None chooses from the data.
+    radius : float, optional
+        Largest radius of a local fit, in the unit of the points.
+    viewpoint : (3,) or (n, 3) float64, optional
+        Where the scanner stood, for all points or for each of them: every normal faces it.
+    towards : (3,) float64, optional
+        A direction that the normals of each separate piece face as a whole.
+    n_threads : int, default -1
+        Threads; -1 for one a core. The result does not depend on it.
+    depth : int, optional
+        The longest side of the bounding box, that of the outliers left out, is divided into
+        ``2**depth`` cubes (1 to 16).
+    voxel_size : float, optional
+        Edge of a cube, in the unit of the points. Without `depth` and `voxel_size` it is chosen
+        from spacing, noise and curvature.
+    trim : float or "auto", optional
+        Cut away what has a confidence below this, 0 to 1; the mesh is then open. "auto" cuts at
+        0.5 and leaves holes closed that are small beside the data.
+    target_triangles : int, optional
+        Collapse edges until so many are left. None keeps all.
+    precision : float, optional
+        Largest residual that the local surfaces shall leave (epsilon of Algorithm 2), in the unit
+        of the points. None takes it from noise and size.
+    """
+
+    max_nn: int | None = None
+    radius: float | None = None
+    viewpoint: NDArray[np.float64] | None = None
+    towards: NDArray[np.float64] | None = None
+    n_threads: int = -1
+    depth: int | None = None
+    voxel_size: float | None = None
+    trim: float | Literal["auto"] | None = None
+    target_triangles: int | None = None
+    precision: float | None = None
+
+    @classmethod
+    def checked(cls, n_points: int, *, use_normals: bool = False, **fields: Any) -> Options:
+        """Check what a user has typed.
+
+        Parameters
+        ----------
+        n_points : int
+            Points of the cloud, those without finite coordinates included.
+        use_normals : bool, default False
+            Whether the sides are taken from the cloud's own normals.
+        **fields
+            Attributes of this class by name; array_like where it has arrays.
+
+        Returns
+        -------
+        Options
+
+        Raises
+        ------
+        ValueError
+            An option is out of range, or two exclude each other; the message names them.
+        """
+        given = cls(**fields)
+        validation.check_exclusive(depth=given.depth, voxel_size=given.voxel_size)
+        validation.check_exclusive(
+            use_normals=use_normals or None, viewpoint=given.viewpoint, towards=given.towards
+        )
+        return cls(
+            max_nn=validation.check_integer(given.max_nn, "max_nn", validation.MIN_NEIGHBORS),
+            radius=validation.check_positive(given.radius, "radius"),
+            viewpoint=validation.check_viewpoint(given.viewpoint, n_points, "viewpoint"),
+            towards=validation.check_direction(given.towards, "towards"),
+            n_threads=validation.check_n_threads(given.n_threads),
+            depth=validation.check_integer(given.depth, "depth", 1, validation.MAX_DEPTH),
+            voxel_size=validation.check_positive(given.voxel_size, "voxel_size"),
+            trim=validation.check_trim(given.trim),
+            target_triangles=validation.check_integer(
+                given.target_triangles, "target_triangles", 4
+            ),
+            precision=validation.check_positive(given.precision, "precision"),
+        )
+
+    def of_rows(self, mask: NDArray[np.bool_]) -> Options:
+        """Return the options for some rows, (n,) bool, of the cloud."""
+        if self.viewpoint is None or self.viewpoint.ndim == 1 or mask.all():
+            return self
+        return replace(self, viewpoint=self.viewpoint[mask])
+
+    @property
+    def faces_known(self) -> bool:
+        """Whether the user has said which side is which."""
+        return self.viewpoint is not None or self.towards is not None
