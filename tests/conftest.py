@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-# pytest's importlib mode, which keeps the source tree off the path, does not add this folder.
-sys.path.insert(0, str(Path(__file__).parent))
+# pytest's importlib mode, which keeps the source tree off the path, does not add their folder.
+sys.path.insert(0, str(Path(__file__).parent / "helpers"))
 
 
 @pytest.fixture(params=["legacy", "tensor"])

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-DEMOS = Path(__file__).parent.parent / "demos"
+DEMOS = Path(__file__).parents[2] / "demos"
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 """Takes the name of a demo and its arguments."""

@@ -22,27 +22,27 @@ def run(tmp_path: Path) -> Run:
 def test_benchmark_goes_on_where_it_stopped(run: Run, tmp_path: Path) -> None:
     tasks = ["ours_normals", "open3d_normals", "ours_mesh", "ours_mesh_1", "open3d_poisson"]
     arguments = ["--sizes", "3714", "--repeats", "1", "--tasks", *tasks]
-    first = run("bench", *arguments)
+    first = run("benchmarks/bench", *arguments)
     assert first.returncode == 0, first.stderr
     assert "mesh / Open3D Poisson given normals" in first.stdout
     assert "| yes |" in first.stdout  # the same bits with one thread
     log = tmp_path / "build" / "bench" / "bench.jsonl"
     before = log.read_text()
-    again = run("bench", *arguments)
+    again = run("benchmarks/bench", *arguments)
     assert again.returncode == 0, again.stderr
     assert log.read_text() == before
     assert again.stdout == (tmp_path / "build" / "bench" / "bench.md").read_text() + "\n"
 
 
 def test_limits_of_every_stage(run: Run) -> None:
-    result = run("limits", "--points", "3000", "--repeats", "1")
+    result = run("benchmarks/limits", "--points", "3000", "--repeats", "1")
     assert result.returncode == 0, result.stderr
     stages = [line.split("|")[1].strip() for line in result.stdout.splitlines() if "|" in line]
     assert {"cells", "orientation", "surface"} <= set(stages)
 
 
 def test_orientation_prints_both_tables(run: Run) -> None:
-    done = run("orientation", "-n", 1500)
+    done = run("benchmarks/orientation", "-n", 1500)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("\n| plate") == 3
     assert "least confident first" in done.stdout
@@ -56,7 +56,7 @@ def ball(tmp_path: Path) -> Path:
 
 
 def test_normals_are_measured_beside_fixed_fits(run: Run, ball: Path) -> None:
-    done = run("normals", ball, "-n", 3000, "--noise", 0, 0.5, "--outliers", 0, 5)
+    done = run("benchmarks/normals", ball, "-n", 3000, "--noise", 0, 0.5, "--outliers", 0, 5)
     assert done.returncode == 0, done.stderr
     rows = [line.split("|")[1:-1] for line in done.stdout.splitlines()[2:]]
     clouds = [row for row in rows if row[0].startswith(" ball")]
@@ -66,7 +66,7 @@ def test_normals_are_measured_beside_fixed_fits(run: Run, ball: Path) -> None:
 
 
 def test_stages_of_normals_are_measured_one_by_one(run: Run, ball: Path) -> None:
-    done = run("normal_stages", ball, "-n", 1500, "--noise", 1, "--pairs", 20)
+    done = run("benchmarks/normal_stages", ball, "-n", 1500, "--noise", 1, "--pairs", 20)
     assert done.returncode == 0, done.stderr
     errors = [float(line.split("|")[2]) for line in done.stdout.splitlines() if "| +" in line]
     assert len(errors) == 8
@@ -75,7 +75,9 @@ def test_stages_of_normals_are_measured_one_by_one(run: Run, ball: Path) -> None
 
 
 def test_flips_are_told_apart_by_thickness(run: Run, ball: Path) -> None:
-    done = run("flips", ball, "-n", 2000, "--noise", 0, 0.5, "--density", "uniform", "patchy")
+    done = run(
+        "benchmarks/flips", ball, "-n", 2000, "--noise", 0, 0.5, "--density", "uniform", "patchy"
+    )
     assert done.returncode == 0, done.stderr
     rows = [line.split("|")[1:-1] for line in done.stdout.splitlines() if "| ball" in line]
     assert len(rows) == 4
@@ -84,7 +86,7 @@ def test_flips_are_told_apart_by_thickness(run: Run, ball: Path) -> None:
 
 
 def test_topology_of_a_ball(run: Run, ball: Path) -> None:
-    done = run("topology", ball, "-n", 2000, "--noise", 0, 1)
+    done = run("benchmarks/topology", ball, "-n", 2000, "--noise", 0, 1)
     for line, noise in zip(done.stdout.splitlines()[2:], ["0", "1"], strict=True):
         assert line.startswith(f"| {ball.stem}, {noise} % | 1 | 1 | 0 | 0 | ")
 
@@ -105,7 +107,7 @@ def test_scans_are_measured_and_a_missing_one_loses_only_itself(
 
 
 def test_pieces_and_handles_that_the_truth_does_not_have(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(DEMOS))
+    monkeypatch.syspath_prepend(str(DEMOS / "benchmarks"))
     from flips import Surface
     from topology import wrong_places
 

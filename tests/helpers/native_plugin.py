@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-PLUGIN = Path(__file__).parents[1] / "filters" / "meshlab_plugin"
+PLUGIN = Path(__file__).parents[2] / "filters" / "meshlab_plugin"
 SOURCE = os.environ.get("MESHLAB_SRC", "")
 PYTHON = os.environ.get("MESHLAB_PYTHON", sys.executable)
 

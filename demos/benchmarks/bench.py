@@ -15,6 +15,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+import demos_path  # noqa: F401
 import numpy as np
 from bench_table import table
 from bench_tasks import TASKS

@@ -13,6 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from os import cpu_count
 from typing import Any, NamedTuple
 
+import demos_path  # noqa: F401
 import numpy as np
 from dental_shapes import molar
 from numpy.typing import NDArray

@@ -64,11 +64,13 @@ def heed_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-@pytest.mark.parametrize("name", ["quickstart", "gallery", "paper", "meshlab", "orientation"])
+@pytest.mark.parametrize(
+    "name", ["quickstart", "gallery", "paper", "meshlab", "benchmarks/orientation"]
+)
 def test_ctrl_c_ends_a_demo_quietly(name: str, tmp_path: Path) -> None:
     if sys.platform == "win32":
         pytest.skip("there is no SIGINT to send")
-    folder = [] if name == "orientation" else ["--out", tmp_path / "out"]
+    folder = [] if name == "benchmarks/orientation" else ["--out", tmp_path / "out"]
     with subprocess.Popen(
         [sys.executable, DEMOS / f"{name}.py", *folder],
         stdout=subprocess.PIPE,
