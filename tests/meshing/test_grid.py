@@ -5,31 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mesh_checks import assert_valid_mesh
+from random_grids import random_grid
 
-from o3d_sofnn import reference
 from o3d_sofnn.meshing.extraction import extract
 from o3d_sofnn.meshing.grid import AdaptiveGrid, unpack
 from o3d_sofnn.meshing.marching_cubes import marching_cubes
-from o3d_sofnn.reference.grid import contains, distinct, halve, pack
-
-
-def random_grid(seed):
-    """A grid with random levels around random places, and all its dual cubes near them."""
-    rng = np.random.default_rng(seed)
-    points = np.concatenate([rng.uniform(0.0, 1.0, (6, 3)), [[0.0] * 3, [1.0] * 3]])
-    levels = rng.integers(0, 4, len(points))
-    grid = AdaptiveGrid(points, 1 / 48, levels)
-    walk = reference.DualWalk(points, grid.origin, grid.size, levels, grid.top)
-    cubes = fresh = walk.fresh
-    while len(fresh):
-        leaves, index = walk.corners(fresh)
-        place = grid.positions(leaves)[index]
-        inside = ((place > grid.low - 0.2) & (place < grid.high + 0.2)).all(axis=(1, 2))
-        crossed = np.broadcast_to(inside[:, None, None], (len(fresh), 3, 2))
-        fresh = walk.across(fresh, leaves, index, crossed)
-        fresh = fresh[~contains(cubes, fresh)]
-        cubes = distinct(np.concatenate([cubes, fresh]))
-    return rng, grid, walk, cubes
+from o3d_sofnn.reference.grid import contains, halve, pack
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from random_grids import random_grid
 from shapes import torus
-from test_grid import random_grid
 
 from o3d_sofnn import _kernels, reference
 from o3d_sofnn.meshing.extraction import extract
