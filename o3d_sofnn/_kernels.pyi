@@ -46,14 +46,14 @@ def sort_morton(points: _Floats, n_threads: int) -> tuple[NDArray[np.uint64], _I
 
 def fit_scales(
     tree: KdTree, points: _Floats, centers: _Floats, scales: _Ints, n_threads: int
-) -> tuple[_Floats, _Floats]:
+) -> tuple[_Floats, _Floats, _Floats, _Floats]:
     """Fit quadrics around `centers` (m, 3) to the nearest `scales` (s,) points, ascending.
 
-    Returns unit normals (m, s, 3) of either sign, and (m, s, 4): residual (root mean square),
-    standard error of the normal (radians), radius, surface variation.
+    Returns unit normals (m, s, 3) of either sign, and, each (m, s), residual (root mean square),
+    radius and surface variation.
     """
 
-def fit_rules(
+def fit_quadrics(
     tree: KdTree,
     points: _Floats,
     centers: _Floats,
@@ -65,7 +65,7 @@ def fit_rules(
     across: _Floats | None,
     stretch: _Floats,
     n_threads: int,
-) -> tuple[_Floats, _Floats, _Floats, _Floats]:
+) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats]:
     """Fit one quadric around each centre, to its own number of neighbours (r,).
 
     `robust` (r,) is the width of a residual weight that is iterated, 0 for none; with `normals`
@@ -73,9 +73,9 @@ def fit_rules(
     (r, 3), tangents of the sides, neighbourhoods are ellipses that are narrow along these, and
     `stretch` (r,) times longer than wide.
 
-    Returns feet (r, 3), frames (r, 3, 3) with rows tangent, tangent, normal, coefficients (r, 6) of
-    ``h = c0 + c1 u + c2 v + c3 u^2 + c4 uv + c5 v^2`` with lengths over the radius, and (r, 5) as
-    :func:`fit_scales`, with the share of the neighbourhood that faces the side.
+    Returns frames (r, 3, 3) with rows tangent, tangent, normal, coefficients (r, 6) of
+    ``h = c0 + c1 u + c2 v + c3 u^2 + c4 uv + c5 v^2`` with lengths divided by the radius, and, each
+    (r,), residual, radius, and the share of the neighbourhood that faces the side.
     """
 
 class RuleView:
@@ -114,11 +114,11 @@ class RuleView:
 
 def infer_normals(
     rules: RuleView, x: _Floats, sides: _Floats | None, k: int, n_threads: int
-) -> tuple[_Floats, _Floats]:
+) -> tuple[_Floats, _Floats, _Floats]:
     """Infer a normal at every row of `x` from the `k` nearest rules, eq. (7) and (9).
 
     Rules that face the way of `sides` (m, 3), unit vectors or zero, have a larger share. Returns
-    unit normals (m, 3), and (m, 2): agreement of the rules, residual to the best one. Fastest
+    unit normals (m, 3), agreement of the rules (m,) and residual to the best one (m,). Fastest
     where consecutive places lie close together.
     """
 
@@ -291,11 +291,6 @@ class WindingTree:
         self, mu: _Floats, x: _Floats, width: _Floats, theta: float, n_threads: int
     ) -> tuple[_Floats, _Floats]:
         """Winding number (m,) and its downhill gradient (m, 3); arguments as above."""
-
-    def adjoint(
-        self, charge: _Floats, x: _Floats, width: _Floats, theta: float, n_threads: int
-    ) -> _Floats:
-        """Transposed operator of charges (n,) at every row of `x`, (m, 3), up to its sign."""
 
     def lists(self, x: _Floats, theta: float, n_threads: int) -> WindingLists:
         """Find what is summed at every row of `x`, for many sums at the same places."""

@@ -57,5 +57,7 @@ def infer_normals(
     gates = None if experience is None else experience.gates(rules)
     neurons = None if experience is None else experience.neurons
     view = rules.view(n_threads, gates, neurons)
-    normals, info = _kernels.infer_normals(view, x, sides, min(k, len(rules)), n_threads)
-    return np.asarray(normals), np.asarray(info[:, 0]), np.asarray(info[:, 1])
+    normals, agreement, residual = _kernels.infer_normals(
+        view, x, sides, min(k, len(rules)), n_threads
+    )
+    return np.asarray(normals), np.asarray(agreement), np.asarray(residual)

@@ -158,7 +158,7 @@ def fit_quadrics(
         Facing the sides that are wanted.
     """
     stretch = np.ones(len(where.centers)) if where.stretch is None else where.stretch
-    _, frames, coefficients, info = _kernels.fit_rules(
+    frames, coefficients, residual, radius, support = _kernels.fit_quadrics(
         tree,
         points,
         where.centers,
@@ -175,10 +175,10 @@ def fit_quadrics(
         centers=where.centers,
         frames=np.asarray(frames),
         coefficients=np.asarray(coefficients),
-        radius=np.maximum(info[:, 2], 1e-300),
+        radius=np.maximum(radius, 1e-300),
         stretch=stretch,
-        residual=np.asarray(info[:, 0]),
-        support=np.asarray(info[:, 4]),
+        residual=np.asarray(residual),
+        support=np.asarray(support),
         n_neighbors=where.n_neighbors,
     )
     return quadrics.facing(where.sides)

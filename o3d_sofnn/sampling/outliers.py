@@ -136,11 +136,11 @@ def find_outliers(
     lonely, reach, index = doubtful[alone], reach[alone], index[alone]
     if not 0 < len(lonely) < 0.5 * len(points):
         return np.zeros(len(points), bool)
-    _, info = fit_scales(tree, points, points[lonely], np.array([k + 4], np.int64), n_threads)
+    variation = fit_scales(tree, points, points[lonely], np.array([k + 4]), n_threads)[3]
     around, _ = _mean_distance(points[index.ravel()], tree, k, n_threads)
     apart = reach > ALONE[1] * np.median(around.reshape(index.shape), axis=1)
     outlier = np.zeros(len(points), bool)
-    outlier[lonely] = apart | (info[:, 0, 3] > FLAT)
+    outlier[lonely] = apart | (variation[:, 0] > FLAT)
     return outlier
 
 
@@ -157,8 +157,8 @@ def _usual_distance(
     sparse = np.flatnonzero(~credible)
     if len(sparse):
         places = scale.places[sparse]
-        _, info = fit_scales(tree, points, places, np.array([k + 4], np.int64), n_threads)
-        credible[sparse] = info[:, 0, 3] < FLAT
+        variation = fit_scales(tree, points, places, np.array([k + 4]), n_threads)[3]
+        credible[sparse] = variation[:, 0] < FLAT
     if credible.all():
         return np.asarray(usual[scale.at(points, n_threads)])
     places = scale.places[credible]

@@ -124,11 +124,14 @@ def choose_scale(
     pilots = points[np.linspace(0, n - 1, min(n, PILOTS)).astype(np.int64)]
     pilot_tree = KdTree(pilots, n_threads)
     region = pilot_tree.query(pilots, min(REGION, len(pilots)), np.inf, n_threads)[1]
-    normals, info = np.empty((len(pilots), 0, 3)), np.empty((len(pilots), 0, 4))
+    normals = np.empty((len(pilots), 0, 3))
+    rms, radii = np.empty((2, len(pilots), 0))
     for some in (sizes[:FEW], sizes[FEW:]):
-        more_normals, more_info = fit_scales(tree, points, pilots, some, n_threads)
-        normals = np.concatenate([normals, more_normals], axis=1)
-        info = np.concatenate([info, more_info], axis=1)
+        fits = fit_scales(tree, points, pilots, some, n_threads)
+        normals, rms, radii = (
+            np.concatenate([known, more], axis=1)
+            for known, more in zip((normals, rms, radii), fits[:3], strict=True)
+        )
         cosine = np.abs(np.einsum("psd,psd->ps", normals[:, :-2], normals[:, 2:]))
         disagreement = np.arccos(np.clip(cosine, 0.0, 1.0))
         regional = (disagreement[region].mean(axis=1) + 0.25 * disagreement.mean(axis=0)) / 1.25
@@ -140,7 +143,6 @@ def choose_scale(
     # The first minimum: beyond the size of a thin part wrong normals agree with each other.
     chosen = np.where(rising.any(axis=1), rising.argmax(axis=1), regional.argmin(axis=1))
     row = np.arange(len(pilots))
-    rms, radii = info[:, :, 0], info[:, :, 2]
     chosen = limit_radius(chosen, radii, limits.radius)
     telling = (rms < WIDE * radii) & (sizes[: rms.shape[1]] >= ENOUGH)
     smallest = np.where(telling.any(axis=1), telling.argmax(axis=1), chosen)

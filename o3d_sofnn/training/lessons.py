@@ -12,8 +12,8 @@ from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.options import Options
 from o3d_sofnn.pipeline import learn_rules
 from o3d_sofnn.progress import Clock
-from o3d_sofnn.reference.inference import log_memberships
-from o3d_sofnn.reference.rules import Rules
+from o3d_sofnn.reference.rules.inference import log_memberships
+from o3d_sofnn.reference.rules.rules import Rules
 from o3d_sofnn.rules.inference import NEAREST
 from o3d_sofnn.rules.trust import place_inputs, rule_inputs
 

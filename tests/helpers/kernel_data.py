@@ -6,6 +6,7 @@ import numpy as np
 from shapes import torus
 
 from o3d_sofnn import _kernels, reference
+from o3d_sofnn.reference.sampling.local_fit import frame_of
 
 MIRROR = np.array([-1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
 """Signs of the coefficients when the normal and the second tangent of a frame change sides."""
@@ -15,7 +16,7 @@ def random_rules(n=300, seed=0):
     """Rules on a torus, their quadrics and widths drawn at random."""
     rng = np.random.default_rng(seed)
     centers, normals = torus(n, seed=seed)
-    frames = np.array([reference.local_fit.frame_of(normal) for normal in normals])
+    frames = np.array([frame_of(normal) for normal in normals])
     coefficients = rng.normal(0.0, 0.2, (n, 6))
     radius = rng.uniform(0.2, 0.5, n)
     stretch = rng.uniform(1.0, 2.0, n)
@@ -54,14 +55,13 @@ def unit_data(points, normals, tolerance=0.002):
     n = len(centers)
     tree = _kernels.KdTree(points, 1)
     sizes = np.full(n, 40)
-    _, frames, coefficients, info = _kernels.fit_rules(
+    frames, coefficients, _, radius, _ = _kernels.fit_quadrics(
         tree, points, centers, sizes, np.zeros(n), 0, None, None, None, np.ones(n), 1
     )
     frames, coefficients = np.array(frames), np.array(coefficients)
     inward = (frames[:, 2] * normals[::15]).sum(axis=1) < 0.0
     frames[inward, 1:] *= -1.0
     coefficients[inward] *= MIRROR
-    radius = np.ascontiguousarray(info[:, 2])
     rules = reference.Rules(centers, frames, coefficients, radius, *np.ones((3, n)))
     own = np.where(np.arange(n) < n // 2, 20, 40)
     return points, normals, rules, sizes, own, np.full(n, tolerance)

@@ -6,7 +6,7 @@ import numpy as np
 
 from o3d_sofnn import reference
 from o3d_sofnn.meshing.grid import AdaptiveGrid
-from o3d_sofnn.reference.grid import contains, distinct
+from o3d_sofnn.reference.meshing.grid import contains, distinct
 
 
 def random_grid(seed):

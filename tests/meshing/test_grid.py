@@ -10,7 +10,7 @@ from random_grids import random_grid
 from o3d_sofnn.meshing.extraction import extract
 from o3d_sofnn.meshing.grid import AdaptiveGrid, unpack
 from o3d_sofnn.meshing.marching_cubes import marching_cubes
-from o3d_sofnn.reference.grid import contains, halve, pack
+from o3d_sofnn.reference.meshing.grid import contains, halve, pack
 
 
 @pytest.mark.parametrize("seed", range(6))

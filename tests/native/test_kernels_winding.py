@@ -14,7 +14,8 @@ def sums(tree, mu, charge, x, widths, theta, n_threads=1):
     alone = tree.winding(mu, x, widths, theta, n_threads)
     winding, gradient = tree.gradient(mu, x, widths, theta, n_threads)
     np.testing.assert_allclose(alone, winding, rtol=0.0, atol=1e-6 * np.abs(winding).max())
-    return winding, gradient, tree.adjoint(charge, x, widths, theta, n_threads)
+    adjoint = tree.adjoint_at(charge, tree.lists(x, theta, n_threads), widths, n_threads)
+    return winding, gradient, adjoint
 
 
 def dipoles(n=1500):
@@ -86,7 +87,7 @@ def test_adjoint_is_the_transposed_operator():
     width = np.full(400, 0.1)
     tree = _kernels.WindingTree(points, np.ones(400))
     winding = np.asarray(tree.winding(mu, points, width, 1e-6, 1))
-    adjoint = np.asarray(tree.adjoint(charge, points, width, 1e-6, 1))
+    adjoint = np.asarray(tree.adjoint_at(charge, tree.lists(points, 1e-6, 1), width, 1))
     assert charge @ winding == pytest.approx(-(adjoint * mu).sum(), rel=1e-4)
 
 
@@ -105,7 +106,8 @@ def test_kept_lists_give_the_same_sums(n):
         ):
             np.testing.assert_array_equal(kept, once)
         np.testing.assert_array_equal(
-            tree.adjoint_at(charge, lists, width, 2), tree.adjoint(charge, x, width, 0.4, 1)
+            tree.adjoint_at(charge, lists, width, 2),
+            tree.adjoint_at(charge, tree.lists(x, 0.4, 1), width, 1),
         )
 
 

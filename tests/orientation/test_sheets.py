@@ -23,7 +23,7 @@ from o3d_sofnn.orientation.components import pieces, turn_along
 from o3d_sofnn.orientation.confidence import empty_in_front
 from o3d_sofnn.orientation.sheets import face
 from o3d_sofnn.pipeline import estimate_normals
-from o3d_sofnn.reference.local_fit import frame_of
+from o3d_sofnn.reference.sampling.local_fit import frame_of
 from o3d_sofnn.rules.rule_base import RuleBase
 
 

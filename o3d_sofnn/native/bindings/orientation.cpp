@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: MIT
+#include "bindings/arrays.hpp"
+#include "orientation/winding.hpp"
+
+namespace sofnn {
+
+using namespace nb::literals;
+
+// Sums at places that are asked for once, and at those of kept lists.
+static std::vector<WindingSums> evaluate(const WindingTree& t, Sum what, const double* source, Points x, Doubles width,
+                                  double theta, int threads) {
+  std::vector<WindingSums> sums(x.shape(0));
+  nb::gil_scoped_release release;
+  t.evaluate(what, source, x.data(), width.data(), x.shape(0), theta, threads, sums.data());
+  return sums;
+}
+
+static std::vector<WindingSums> evaluate(const WindingTree& t, Sum what, const double* source, const WindingLists& lists,
+                                  Doubles width, int threads) {
+  std::vector<WindingSums> sums(lists.size);
+  nb::gil_scoped_release release;
+  t.evaluate(what, source, lists, width.data(), threads, sums.data());
+  return sums;
+}
+
+static auto winding_of(const std::vector<WindingSums>& sums) {
+  std::vector<double> values(sums.size());
+  std::transform(sums.begin(), sums.end(), values.begin(), [](const WindingSums& s) { return s.winding; });
+  return array(std::move(values), {sums.size()});
+}
+
+static auto vector_of(const std::vector<WindingSums>& sums) {
+  std::vector<double> values(3 * sums.size());
+  for (size_t i = 0; i < sums.size(); ++i) std::copy(sums[i].vector, sums[i].vector + 3, &values[3 * i]);
+  return array(std::move(values), {sums.size(), (size_t)3});
+}
+
+void bind_orientation(nb::module_& m) {
+  nb::class_<WindingLists>(m, "WindingLists");
+
+  nb::class_<WindingTree>(m, "WindingTree")
+      .def("__init__", [](WindingTree* t, Points p, Doubles area, int threads) { new (t) WindingTree(p.data(), area.data(), p.shape(0), threads); },
+           "points"_a, "area"_a, "n_threads"_a = 1, nb::call_guard<nb::gil_scoped_release>())
+      .def("order", [](const WindingTree& t) { return array(std::vector<int64_t>(t.order()), {(size_t)t.size()}); })
+      .def("lists",
+           [](const WindingTree& t, Points x, double theta, int threads) {
+             nb::gil_scoped_release release;
+             return t.lists(x.data(), x.shape(0), theta, threads);
+           },
+           "x"_a, "theta"_a, "n_threads"_a)
+      .def("winding",
+           [](const WindingTree& t, Points mu, Points x, Doubles width, double theta, int threads) {
+             return winding_of(evaluate(t, Sum::winding, mu.data(), x, width, theta, threads));
+           },
+           "mu"_a, "x"_a, "width"_a, "theta"_a, "n_threads"_a)
+      .def("gradient",
+           [](const WindingTree& t, Points mu, Points x, Doubles width, double theta, int threads) {
+             const std::vector<WindingSums> sums = evaluate(t, Sum::gradient, mu.data(), x, width, theta, threads);
+             return nb::make_tuple(winding_of(sums), vector_of(sums));
+           },
+           "mu"_a, "x"_a, "width"_a, "theta"_a, "n_threads"_a)
+      .def("winding_at",
+           [](const WindingTree& t, Points mu, const WindingLists& lists, Doubles width, int threads) {
+             return winding_of(evaluate(t, Sum::winding, mu.data(), lists, width, threads));
+           },
+           "mu"_a, "lists"_a, "width"_a, "n_threads"_a)
+      .def("gradient_at",
+           [](const WindingTree& t, Points mu, const WindingLists& lists, Doubles width, int threads) {
+             const std::vector<WindingSums> sums = evaluate(t, Sum::gradient, mu.data(), lists, width, threads);
+             return nb::make_tuple(winding_of(sums), vector_of(sums));
+           },
+           "mu"_a, "lists"_a, "width"_a, "n_threads"_a)
+      .def("adjoint_at",
+           [](const WindingTree& t, Doubles charge, const WindingLists& lists, Doubles width, int threads) {
+             return vector_of(evaluate(t, Sum::adjoint, charge.data(), lists, width, threads));
+           },
+           "charge"_a, "lists"_a, "width"_a, "n_threads"_a);
+}
+
+}  // namespace sofnn
