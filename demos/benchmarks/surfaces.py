@@ -84,11 +84,12 @@ def main() -> int:
     peer = given.peer
     for noise in given.noise:
         print(
-            f"\n{given.n} samples, {noise:g} % noise, {given.density}, {given.outliers:g} % outliers"
+            f"\n{given.n} samples, {noise:g} % noise, {given.density}, "
+            f"{given.outliers:g} % outliers"
         )
         print(
-            f"| shape | Chamfer, ours / {peer} | Hausdorff, ours / {peer} | CPU seconds | triangles | "
-            "closed, manifold | pieces |\n|" + "---|" * 7
+            f"| shape | Chamfer, ours / {peer} | Hausdorff, ours / {peer} | CPU seconds | "
+            "triangles | closed, manifold | pieces |\n|" + "---|" * 7
         )
         ratios = []
         for file in given.meshes:
