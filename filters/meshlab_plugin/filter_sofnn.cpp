@@ -50,11 +50,12 @@ RichParameterList FilterSofnn::initParameterList(const QAction* action, const Me
 		list.addParam(RichLength("voxel_size", 0, 0, box.Diag(), "Voxel size", "Side of a cell; 0 is automatic."));
 		list.addParam(RichBool("use_normals", false, "Use normals", "Take the sides from the layer's vertex normals."));
 		list.addParam(RichFloat("trim", 0, "Trim", "Cut triangles with a confidence (0 to 1) below this; 0: keep all."));
-	} else {
-		list.addParam(RichEnum("orientation", 0, sides, "Orientation", "Outwards, to the viewpoint, or along the direction."));
-		list.addParam(RichPosition("viewpos", Point3m(0, 0, 0), "Viewpoint", "Where the cloud was seen from."));
-		list.addParam(RichDirection("direction", Point3m(0, 0, 1), "Direction", "Which way the normals should point."));
+		list.addParam(RichInt("target_triangles", 0, "Triangles", "Decimate to so many triangles; 0 keeps all."));
+		list.addParam(RichLength("precision", 0, 0, box.Diag(), "Precision", "Largest distance of the local surfaces from the points; 0 is automatic."));
 	}
+	list.addParam(RichEnum("orientation", 0, sides, "Orientation", "Outwards, to the viewpoint, or along the direction."));
+	list.addParam(RichPosition("viewpos", Point3m(0, 0, 0), "Viewpoint", "Where the cloud was seen from."));
+	list.addParam(RichDirection("direction", Point3m(0, 0, 1), "Direction", "Which way the normals should point."));
 	list.addParam(RichInt("max_nn", 0, "Neighbours", "Most points in a local fit; 0 is automatic."));
 	list.addParam(RichLength("radius", 0, 0, box.Diag(), "Radius", "Largest radius of a local fit; 0 is automatic."));
 	list.addParam(RichInt("n_threads", -1, "Threads", "-1 is one per core; the result does not depend on it."));
@@ -74,13 +75,15 @@ static QStringList options(bool reconstruct, const RichParameterList& values)
 		number("--depth", values.getInt("depth"));
 		number("--voxel-size", values.getAbsPerc("voxel_size"));
 		number("--trim", values.getFloat("trim"));
+		number("--target-triangles", values.getInt("target_triangles"));
+		number("--precision", values.getAbsPerc("precision"));
 		if (values.getBool("use_normals"))
 			list << "--use-normals";
-	} else if (values.getEnum("orientation") == 1) {
-		point("--viewpoint", values.getPoint3m("viewpos"));
-	} else if (values.getEnum("orientation") == 2) {
-		point("--towards", values.getPoint3m("direction"));
 	}
+	if (values.getEnum("orientation") == 1)
+		point("--viewpoint", values.getPoint3m("viewpos"));
+	else if (values.getEnum("orientation") == 2)
+		point("--towards", values.getPoint3m("direction"));
 	return list;
 }
 

@@ -36,6 +36,16 @@ def reconstruct(
         Use the vertex normals of the layer instead of estimating them.
     trim : float, default 0
         Remove triangles with a confidence below this (0 to 1); 0 leaves the mesh closed.
+    target_triangles : int, default 0
+        Decimate to so many triangles; 0 keeps all.
+    precision : PercentageValue or PureValue, default 0
+        Largest distance that the local surfaces leave to the points; 0 is automatic.
+    orientation : {"automatic", "viewpoint", "direction"} or int, default "automatic"
+        Out of the closed surface, towards ``viewpos``, or along ``direction``.
+    viewpos : three floats, default (0, 0, 0)
+        Where the cloud was seen from, in world coordinates.
+    direction : three floats, default (0, 0, 1)
+        Which way the surface should face, in world coordinates.
     max_nn : int, default 0
         Largest number of neighbours in a local fit; 0 is automatic.
     radius : PercentageValue or PureValue, default 0

@@ -36,6 +36,9 @@ class Parameter:
 
 
 _COMMON = (
+    Parameter("orientation", "enum", 0),
+    Parameter("viewpos", "point", (0.0, 0.0, 0.0)),
+    Parameter("direction", "point", (0.0, 0.0, 1.0)),
     Parameter("max_nn", "int", 0),
     Parameter("radius", "length", 0.0),
     Parameter("n_threads", "int", -1),
@@ -47,14 +50,11 @@ PARAMETERS: dict[str, tuple[Parameter, ...]] = {
         Parameter("voxel_size", "length", 0.0),
         Parameter("use_normals", "bool", False),
         Parameter("trim", "float", 0.0),
+        Parameter("target_triangles", "int", 0),
+        Parameter("precision", "length", 0.0),
         *_COMMON,
     ),
-    NORMALS: (
-        Parameter("orientation", "enum", 0),
-        Parameter("viewpos", "point", (0.0, 0.0, 0.0)),
-        Parameter("direction", "point", (0.0, 0.0, 1.0)),
-        *_COMMON,
-    ),
+    NORMALS: _COMMON,
 }
 
 
@@ -103,7 +103,7 @@ def parameter_values(filter_name: str, diagonal: float, given: Mapping[str, Any]
 
 
 def pipeline_options(filter_name: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keyword options of the o3d_sofnn pipeline for a filter's parameter values.
+    """Return the fields of ``o3d_sofnn.options.Options`` for a filter's parameter values.
 
     Parameters
     ----------
@@ -120,12 +120,11 @@ def pipeline_options(filter_name: str, values: Mapping[str, Any]) -> dict[str, A
     """
     automatic = ["max_nn", "radius"]
     if filter_name == RECONSTRUCT:
-        automatic += ["depth", "voxel_size", "trim"]
+        automatic += ["depth", "voxel_size", "trim", "target_triangles", "precision"]
     options = {name: values[name] for name in automatic if values[name] != 0}
     options["n_threads"] = values["n_threads"]
     if filter_name == RECONSTRUCT:
         options["use_normals"] = values["use_normals"]
-        return options
     orientation = ORIENTATIONS[values["orientation"]]
     if orientation == "viewpoint":
         options["viewpoint"] = [float(x) for x in values["viewpos"]]

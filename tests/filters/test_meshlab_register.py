@@ -39,8 +39,8 @@ def test_registered_filters_work_like_built_in_ones(ms: Any, points: Any) -> Non
 
     values = ms.filter_parameter_values(RECONSTRUCT, voxel_size=pymeshlab.PercentageValue(1))
     assert list(values) == [
-        *("depth", "voxel_size", "use_normals", "trim"),
-        *("max_nn", "radius", "n_threads"),
+        *("depth", "voxel_size", "use_normals", "trim", "target_triangles", "precision"),
+        *("orientation", "viewpos", "direction", "max_nn", "radius", "n_threads"),
     ]
     # MeshLab keeps lengths in single precision.
     diagonal = ms.current_mesh().bounding_box().diagonal()
