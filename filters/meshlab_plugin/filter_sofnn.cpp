@@ -51,7 +51,7 @@ RichParameterList FilterSofnn::initParameterList(const QAction* action, const Me
 		list.addParam(RichBool("use_normals", false, "Use normals", "Take the sides from the layer's vertex normals."));
 		list.addParam(RichFloat("trim", 0, "Trim", "Cut triangles with a confidence (0 to 1) below this; 0: keep all."));
 		list.addParam(RichInt("target_triangles", 0, "Triangles", "Decimate to so many triangles; 0 keeps all."));
-		list.addParam(RichLength("precision", 0, 0, box.Diag(), "Precision", "Largest distance of the local surfaces from the points; 0 is automatic."));
+		list.addParam(RichLength("precision", 0, 0, box.Diag(), "Precision", "Of local surfaces; 0 is automatic."));
 	}
 	list.addParam(RichEnum("orientation", 0, sides, "Orientation", "Outwards, to the viewpoint, or along the direction."));
 	list.addParam(RichPosition("viewpos", Point3m(0, 0, 0), "Viewpoint", "Where the cloud was seen from."));
@@ -77,13 +77,10 @@ static QStringList options(bool reconstruct, const RichParameterList& values)
 		number("--trim", values.getFloat("trim"));
 		number("--target-triangles", values.getInt("target_triangles"));
 		number("--precision", values.getAbsPerc("precision"));
-		if (values.getBool("use_normals"))
-			list << "--use-normals";
+		list << (values.getBool("use_normals") ? QStringList("--use-normals") : QStringList());
 	}
-	if (values.getEnum("orientation") == 1)
-		point("--viewpoint", values.getPoint3m("viewpos"));
-	else if (values.getEnum("orientation") == 2)
-		point("--towards", values.getPoint3m("direction"));
+	if (const int side = values.getEnum("orientation"))
+		side == 1 ? point("--viewpoint", values.getPoint3m("viewpos")) : point("--towards", values.getPoint3m("direction"));
 	return list;
 }
 

@@ -195,7 +195,7 @@ def test_filters_take_every_option_of_the_operators(name: str) -> None:
 
 
 def test_a_surface_faces_the_viewpoint(ms: Any, points: Any) -> None:
-    place = points.mean(axis=0) + (0.0, 0.0, 50.0)
+    place = points.mean(axis=0) + np.array([0.0, 0.0, 50.0])
     meshlab_sofnn.reconstruct(ms, orientation="viewpoint", viewpos=place)
     mesh = pipeline.reconstruct_surface(points, viewpoint=place)
     np.testing.assert_array_equal(ms.current_mesh().vertex_matrix(), mesh.vertices)
