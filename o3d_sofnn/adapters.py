@@ -250,9 +250,9 @@ def read_search_param(search_param: Any) -> tuple[int | None, float | None]:
 
 def make_search_param(max_nn: int | None, radius: float | None) -> Any:
     """Return the search parameter of Open3D for a number of points, a radius, or both."""
-    geometry = import_open3d().geometry
     if max_nn is None and radius is None:
         return None
+    geometry = import_open3d().geometry
     # Open3D's classes would take a negative number for a huge one.
     validation.check_integer(max_nn, "max_nn", validation.MIN_NEIGHBORS, 2**31 - 1)
     validation.check_positive(radius, "radius")

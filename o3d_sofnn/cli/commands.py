@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import logging
 import sys
 import time
 from collections.abc import Iterator
@@ -14,7 +15,11 @@ from typing import TYPE_CHECKING, Any
 from o3d_sofnn.progress import Progress, rescale
 
 if TYPE_CHECKING:
+    from o3d_sofnn.files.columns import PointFile
     from o3d_sofnn.results import NormalEstimate, SurfaceEstimate
+
+
+_logger = logging.getLogger(__name__)
 
 
 # Share of the progress that reading takes, and where writing starts.
@@ -53,11 +58,13 @@ def run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     from o3d_sofnn.files import point_files
 
     mesh_wanted = args.command == "reconstruct"
+    reports = [] if args.json in (None, "-") else [args.json]
+    point_files.check_different([args.input], [args.output, *reports])
     point_files.check_output(
         args.output, point_files.MESH_OUTPUTS if mesh_wanted else point_files.CLOUD_OUTPUTS
     )
-    if args.json not in (None, "-"):
-        point_files.check_output(args.json, ())
+    for report_file in reports:
+        point_files.check_output(report_file, ())
     options = {
         "search_param": adapters.make_search_param(args.max_nn, args.radius),
         "n_threads": args.threads,
@@ -69,7 +76,12 @@ def run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     progress(0.0, "read")
     seconds: dict[str, float] = {}
     with _timed(seconds, "read"):
-        cloud = _read(args.input)
+        source = _read(args.input)
+    if not mesh_wanted:
+        point_files.check_contents(args.output, source, template=args.input)
+    for note in source.notes:
+        _logger.warning("%s: %s", args.input, note)
+    cloud = adapters.make_cloud(point_files.as_cloud(source))
     result, details = (_reconstruct if mesh_wanted else _normals)(cloud, args, options)
     seconds |= details.seconds
     progress(_WRITE_STARTS, "write")
@@ -81,7 +93,7 @@ def run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     progress(1.0, "done")
     seconds["total"] = time.perf_counter() - started
     report = {"command": args.command, "input": str(args.input), "output": str(args.output)}
-    report |= _figures(cloud, details)
+    report |= _figures(source, details)
     report["seconds"] = {name: round(value, 4) for name, value in seconds.items()}
     return report
 
@@ -99,17 +111,19 @@ def write_report(report: dict[str, Any], destination: str | None) -> None:
             stream.write(text.encode())
 
 
-def _read(path: Path) -> Any:
+def _read(path: Path) -> PointFile:
     """Read the input; what is wrong with it is bad input, not a failure of the machine."""
     from o3d_sofnn.files import point_files
 
     try:
-        cloud = point_files.read_point_cloud(path)
+        source = point_files.read_points(path)
     except OSError as error:
-        raise ValueError(f"{path}: not readable: {error.strerror or error}") from error
-    if cloud.is_empty():
+        # A file may name another one.
+        named = error.filename or path
+        raise ValueError(f"{named}: not readable: {error.strerror or error}") from error
+    if len(source.points) == 0:
         raise ValueError(f"{path}: expected points, got none")
-    return cloud
+    return source
 
 
 def _normals(cloud: Any, args: argparse.Namespace, options: dict[str, Any]) -> Any:
@@ -133,14 +147,14 @@ def _reconstruct(cloud: Any, args: argparse.Namespace, options: dict[str, Any]) 
     )
 
 
-def _figures(cloud: Any, details: NormalEstimate | SurfaceEstimate) -> dict[str, Any]:
+def _figures(source: PointFile, details: NormalEstimate | SurfaceEstimate) -> dict[str, Any]:
     """Return what the report says of the points, and of the mesh if there is one."""
-    from o3d_sofnn import adapters, validation
+    from o3d_sofnn import validation
     from o3d_sofnn.results import SurfaceEstimate
 
     normals = details.normals if isinstance(details, SurfaceEstimate) else details
     # In the details a point without finite coordinates counts as an outlier too.
-    not_finite = int((~validation.finite_rows(adapters.read_cloud(cloud).points)).sum())
+    not_finite = int((~validation.finite_rows(source.points)).sum())
     figures = {
         "points": len(normals.normals),
         "not_finite": not_finite,
@@ -148,7 +162,7 @@ def _figures(cloud: Any, details: NormalEstimate | SurfaceEstimate) -> dict[str,
         "rules": len(normals.rules),
         "noise_level": normals.noise_level,
         "spacing": normals.spacing,
-        "warnings": list(normals.warnings),
+        "warnings": [*source.notes, *normals.warnings],
     }
     if isinstance(details, SurfaceEstimate):
         figures |= {

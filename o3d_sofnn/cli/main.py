@@ -34,7 +34,8 @@ the side from which they look convex, or as --viewpoint or --towards say. No opt
 
 
 _NORMALS_FILES = """\
-IN: ply pcd npz xyz xyzn xyzrgb pts las laz, the vertices of obj off stl gltf glb fbx.
+IN: ply pcd npy npz xyz xyzn xyzrgb txt csv asc pts ptx e57 las laz, the vertices of obj off stl
+gltf glb fbx. What is in the file and not used is said.
 OUT: ply pcd xyz xyzn npz las laz; points and their order are those of IN.
 """
 
@@ -45,7 +46,8 @@ other open surfaces add --trim auto, for terrain also --towards 0 0 1. No option
 
 
 _RECONSTRUCT_FILES = """\
-IN: ply pcd npz xyz xyzn xyzrgb pts las laz, the vertices of obj off stl gltf glb fbx.
+IN: ply pcd npy npz xyz xyzn xyzrgb txt csv asc pts ptx e57 las laz, the vertices of obj off stl
+gltf glb fbx. What is in the file and not used is said.
 OUT: ply obj (with vertex normals, and colours where IN has them), off (with colours), stl.
 """
 
@@ -66,6 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         args = _parser().parse_args(argv)
         logging.basicConfig(format="o3d-sofnn: %(levelname)s: %(message)s", force=True)
+        logging.getLogger("laspy").setLevel(logging.CRITICAL)  # one line on errors: ours
         with contextlib.closing(make_progress(args.progress)) as progress:
             if args.command == "compare":
                 return command.run(args, progress)

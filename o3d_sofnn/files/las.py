@@ -1,27 +1,45 @@
-"""LAS and LAZ through laspy, in double precision."""
+"""LAS, LAZ and COPC through laspy, in double precision.
+
+laspy believes every number in a header: what they say is checked against the file's length first.
+lazrs, which unpacks LAZ, may crash or ask for any memory: it runs in a process of its own.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import io
+import logging
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
 from o3d_sofnn.adapters import CloudArrays
+from o3d_sofnn.files import child, columns, las_layout
+from o3d_sofnn.files.columns import Array, PointFile
+from o3d_sofnn.files.regular import open_regular, read_records
 from o3d_sofnn.files.writers import color_levels
 
 FORMATS = frozenset({".las", ".laz"})
 
 
-_NORMAL_DIMENSIONS = ("NormalX", "NormalY", "NormalZ")
+_NORMALS = ("NormalX", "NormalY", "NormalZ")
 
 
-_NOT_ATTRIBUTES = frozenset({"X", "Y", "Z", "red", "green", "blue", *_NORMAL_DIMENSIONS})
+_COLORS = ("red", "green", "blue")
 
 
-def read_las(path: Path) -> CloudArrays:
-    """Return the points of a LAS or LAZ file with all their dimensions.
+# Records with the coordinate system, as text and as GeoTIFF keys.
+_WKT, _GEO_KEYS = 2112, 34735
+
+
+# GeoTIFF keys of the coordinate system of the plane, and of that of the globe.
+_EPSG_KEYS = (3072, 2048)
+
+
+def read_las(path: Path) -> PointFile:
+    """Return the points of a LAS, LAZ or COPC file with all their dimensions.
 
     Parameters
     ----------
@@ -30,28 +48,24 @@ def read_las(path: Path) -> CloudArrays:
 
     Returns
     -------
-    CloudArrays
-        Coordinates in the file's unit; "colors" as 16-bit levels; normals from the extra
+    PointFile
+        Coordinates in the file's unit; "colors" as levels of 8 or 16 bits; normals from the extra
         dimensions NormalX, NormalY, NormalZ when present; other dimensions under their names.
 
     Raises
     ------
+    OSError
+        As of opening a file.
     ValueError
         The file is not LAS or LAZ, or cut short.
     ImportError
         laspy is not installed.
     """
     data = _open(path)
-    names = set(data.point_format.dimension_names)
-    attributes = {
-        name: np.asarray(data[name])[:, np.newaxis] for name in sorted(names - _NOT_ATTRIBUTES)
-    }
-    if {"red", "green", "blue"} <= names:
-        attributes["colors"] = np.stack([data.red, data.green, data.blue], axis=1)
-    normals = None
-    if names.issuperset(_NORMAL_DIMENSIONS):
-        normals = np.stack([data[name] for name in _NORMAL_DIMENSIONS], axis=1).astype(np.float64)
-    return CloudArrays(np.stack([data.x, data.y, data.z], axis=1), normals, attributes)
+    with _laspy_errors(path):
+        names = [name for name in data.point_format.dimension_names if name not in ("X", "Y", "Z")]
+        found = {name: np.asarray(data[name]) for name in ("x", "y", "z", *names)}
+        return columns.from_columns(path, found, crs=_crs(data.header))
 
 
 def write_las(stream: BinaryIO, cloud: CloudArrays, compress: bool, template: Path | None) -> None:
@@ -67,8 +81,8 @@ def write_las(stream: BinaryIO, cloud: CloudArrays, compress: bool, template: Pa
         True for LAZ.
     template : pathlib.Path or None
         A LAS or LAZ file with the same points in the same order: everything in it (scale, offset,
-        coordinate system, all dimensions) is kept. None writes LAS 1.4 with coordinates rounded
-        to the finest power of ten that 32 bits hold over the extent.
+        coordinate system, all dimensions) is kept, but for the index of COPC. None writes LAS 1.4
+        with coordinates rounded to the finest power of ten that 32 bits hold over the extent.
 
     Raises
     ------
@@ -82,22 +96,57 @@ def write_las(stream: BinaryIO, cloud: CloudArrays, compress: bool, template: Pa
         raise ValueError(
             f"pcd: expected the {len(data.points)} points of {template}, got {len(cloud.points)}"
         )
-    if cloud.normals is not None:
-        laspy = _import_laspy()
-        missing = [n for n in _NORMAL_DIMENSIONS if n not in data.point_format.dimension_names]
-        data.add_extra_dims([laspy.ExtraBytesParams(name, "f8") for name in missing])
-        for name, values in zip(_NORMAL_DIMENSIONS, cloud.normals.T, strict=True):
+    _write(stream, data, cloud.normals, compress)
+
+
+def check_las(points: Array, compress: bool, template: Path | None) -> None:
+    """Raise what :func:`write_las` would raise, without the points.
+
+    Parameters
+    ----------
+    points : numpy.ndarray, shape (n, 3)
+        What is going to be written.
+    compress, template
+        As of :func:`write_las`.
+    """
+    laspy = _import_laspy()
+    if template is None:
+        _check_finite(points)
+        return
+    with open_regular(template) as stream:
+        header = _read_header(stream, template)[1]
+    with _laspy_errors(template, "written again"):
+        one = laspy.LasData(header, laspy.PackedPointRecord.zeros(1, header.point_format))
+        _write(io.BytesIO(), one, np.zeros((1, 3)), compress)
+
+
+def _write(stream: BinaryIO, data: Any, normals: Array | None, compress: bool) -> None:
+    laspy = _import_laspy()
+    if normals is not None:
+        kinds = {d.name: d.dtype for d in data.point_format.extra_dimensions}
+        # A dimension of whole numbers would round normals to nothing.
+        data.remove_extra_dims([n for n in _NORMALS if n in kinds and kinds[n].kind != "f"])
+        kept = set(data.point_format.dimension_names)
+        data.add_extra_dims([laspy.ExtraBytesParams(n, "f8") for n in _NORMALS if n not in kept])
+        for name, values in zip(_NORMALS, normals.T, strict=True):
             data[name] = values
+    # Points keep their order, the index of COPC would be wrong for what is written.
+    for records in (data.header.vlrs, data.header.evlrs or []):
+        records[:] = [record for record in records if record.user_id != "copc"]
     # In memory first: on a full disk the compressor would hide the reason.
     packed = io.BytesIO()
-    data.write(packed, do_compress=compress)
+    with laspy.LasWriter(
+        packed, data.header, do_compress=compress, closefd=False, encoding_errors="replace"
+    ) as writer:
+        writer.write_points(data.points)
+        if data.header.version.minor >= 4 and data.header.evlrs:
+            writer.write_evlrs(data.header.evlrs)
     stream.write(packed.getbuffer())
 
 
 def _new(cloud: CloudArrays) -> Any:
     laspy = _import_laspy()
-    if not np.isfinite(cloud.points).all():
-        raise ValueError("pcd: expected finite coordinates for LAS, got NaN or inf")
+    _check_finite(cloud.points)
     colors = color_levels(cloud, "u2")
     header = laspy.LasHeader(version="1.4", point_format=6 if colors is None else 7)
     low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
@@ -111,19 +160,67 @@ def _new(cloud: CloudArrays) -> Any:
     return data
 
 
+def _check_finite(points: Array) -> None:
+    if not np.isfinite(points).all():
+        raise ValueError("pcd: expected finite coordinates for LAS, got NaN or inf")
+
+
 def _open(path: Path) -> Any:
+    """Return the file as laspy's LasData; its points may be changed."""
     laspy = _import_laspy()
-    with path.open("rb") as stream:
-        declared = None
-        try:
-            with laspy.open(stream, closefd=False) as reader:
-                declared = reader.header.point_count
-                data = reader.read()
-        except (laspy.errors.LaspyException, ValueError, RuntimeError, EOFError) as error:
-            raise ValueError(f"{path}: not readable as LAS or LAZ: {error}") from error
-    if len(data.points) != declared:
-        raise ValueError(f"{path}: cut short: {len(data.points)} of {declared} points")
-    return data
+    with open_regular(path) as stream:
+        layout, header = _read_header(stream, path)
+        if header.are_points_compressed:
+            raw = bytearray()
+            for frame in child.run(las_layout.__name__, path):
+                raw += frame
+        else:
+            stream.seek(layout.offset)
+            raw = bytearray(read_records(stream, path, layout.count, layout.record))
+    if len(raw) != layout.count * layout.record:
+        got = len(raw) // layout.record
+        raise ValueError(f"{path}: cut short: {got} of {layout.count} points")
+    with _laspy_errors(path):
+        points = laspy.PackedPointRecord.from_buffer(raw, header.point_format)
+        return laspy.LasData(header, points)
+
+
+def _read_header(stream: BinaryIO, path: Path) -> tuple[las_layout.Layout, Any]:
+    """Return where the points are, and laspy's header."""
+    laspy = _import_laspy()
+    layout = las_layout.read_layout(stream, path)
+    stream.seek(0)
+    with _laspy_errors(path):
+        header = laspy.LasHeader.read_from(stream, read_evlrs=True)
+        sound = np.isfinite([*header.scales, *header.offsets]).all() and np.all(header.scales)
+        if not sound or header.point_format.size != layout.record:
+            raise ValueError("scales, offsets or sizes without sense")
+    return layout, header
+
+
+def _crs(header: Any) -> str | None:
+    """Return the coordinate system as WKT, or as the number of EPSG from GeoTIFF keys."""
+    records = [*header.vlrs, *(header.evlrs or [])]
+    records = [record for record in records if record.user_id == "LASF_Projection"]
+    for record in records:
+        if record.record_id == _WKT and record.string:
+            return str(record.string)
+    keys = {
+        key.id: key.value_offset for r in records if r.record_id == _GEO_KEYS for key in r.geo_keys
+    }
+    codes = [keys[key] for key in _EPSG_KEYS if 1024 <= keys.get(key, 0) <= 32766]
+    return f"EPSG:{codes[0]}" if codes else None
+
+
+@contextlib.contextmanager
+def _laspy_errors(path: Path, what: str = "readable as LAS or LAZ") -> Iterator[None]:
+    """Let whatever laspy raises over a header be one kind of error."""
+    try:
+        yield
+    except (OSError, MemoryError, ImportError):
+        raise
+    except Exception as error:
+        raise ValueError(f"{path}: not {what}: {error}") from error
 
 
 def _import_laspy() -> Any:
@@ -133,4 +230,8 @@ def _import_laspy() -> Any:
         raise ImportError(
             'LAS and LAZ files need laspy; type: pip install "laspy[lazrs]"'
         ) from error
+    # Unless somebody listens, what it logs would go to the screen.
+    logger = logging.getLogger("laspy")
+    if not logger.handlers:
+        logger.addHandler(logging.NullHandler())
     return laspy

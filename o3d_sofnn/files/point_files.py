@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import os
-import secrets
-import stat
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn import adapters
 from o3d_sofnn.files import las, readers, writers
+from o3d_sofnn.files.columns import PointFile as PointFile
+from o3d_sofnn.files.outputs import check_different as check_different
+from o3d_sofnn.files.outputs import check_ending
+from o3d_sofnn.files.outputs import check_output as check_output
+from o3d_sofnn.files.outputs import open_atomic as open_atomic
 
 _logger = logging.getLogger(__name__)
 
 
-CLOUD_INPUTS = readers.FORMATS | las.FORMATS
+CLOUD_INPUTS = readers.FORMATS
 
 
 CLOUD_OUTPUTS = frozenset(writers.CLOUD_WRITERS) | las.FORMATS
@@ -33,8 +35,35 @@ MESH_OUTPUTS = frozenset(writers.MESH_WRITERS)
 _ROUNDING_SHARE = 0.01
 
 
+def read_points(path: str | os.PathLike[str]) -> PointFile:
+    """Read points of any known format, with all that the file has per point.
+
+    Parameters
+    ----------
+    path : path-like
+        The file; its ending says the format. Of a mesh file the vertices are taken.
+
+    Returns
+    -------
+    PointFile
+        Arrays, where the scanner stood, and ``notes`` on what is not as in the file.
+
+    Raises
+    ------
+    OSError
+        No such file, a folder, no permission.
+    ValueError
+        An ending that is not known, or contents that cannot be read to the end.
+    ImportError
+        What the format needs is missing; the message says what to type.
+    """
+    path = Path(path)
+    check_ending(path, CLOUD_INPUTS)
+    return readers.read(path)
+
+
 def read_point_cloud(path: str | os.PathLike[str]) -> Any:
-    """Read points of any format that Open3D reads, or LAS/LAZ.
+    """Read points of any known format as :func:`read_points`, as a cloud of Open3D.
 
     Parameters
     ----------
@@ -45,25 +74,22 @@ def read_point_cloud(path: str | os.PathLike[str]) -> Any:
     -------
     open3d.t.geometry.PointCloud
         In double precision where the file has it, with every attribute per point that the file
-        has.
+        has. What it lacks of the file is logged.
 
     Raises
     ------
-    OSError
-        No such file, a folder, no permission.
-    ValueError
-        An ending that is not known, or contents that cannot be read to the end.
-    ImportError
-        Open3D or (for LAS/LAZ) laspy is missing; the message says what to type.
+    OSError, ValueError, ImportError
+        As of :func:`read_points`; also when Open3D is missing.
     """
-    path = Path(path)
-    suffix = _check_suffix(path, CLOUD_INPUTS)
-    # Open3D's readers take a missing file for an empty one.
-    with path.open("rb"):
-        pass
-    if suffix in las.FORMATS:
-        return adapters.make_cloud(las.read_las(path))
-    return readers.read_with_open3d(path)
+    file = read_points(path)
+    for note in file.notes:
+        _logger.warning("%s: %s", path, note)
+    return adapters.make_cloud(as_cloud(file))
+
+
+def as_cloud(file: PointFile) -> adapters.CloudArrays:
+    """Return the points, normals and attributes of a file alone."""
+    return adapters.CloudArrays(file.points, file.normals, file.attributes)
 
 
 def write_point_cloud(
@@ -90,12 +116,12 @@ def write_point_cloud(
         An ending that is not known, or a cloud that the format cannot hold.
     """
     path = Path(path)
-    suffix = _check_suffix(path, CLOUD_OUTPUTS)
+    suffix = check_ending(path, CLOUD_OUTPUTS)
     arrays = adapters.read_cloud(pcd)
+    source = _las_template(path, template)
     _warn_of_rounding(path, arrays.points)
-    source = None if template is None else Path(template)
-    if source is not None and source.suffix.lower() not in las.FORMATS:
-        source = None
+    if source is None:
+        _warn_of_loss(path, arrays, writers.CLOUD_KEEPS[suffix])
     with open_atomic(path) as stream:
         if suffix in las.FORMATS:
             las.write_las(stream, arrays, compress=suffix == ".laz", template=source)
@@ -121,111 +147,55 @@ def write_triangle_mesh(path: str | os.PathLike[str], mesh: Any) -> None:
         An ending that is not known.
     """
     path = Path(path)
-    suffix = _check_suffix(path, MESH_OUTPUTS)
+    suffix = check_ending(path, MESH_OUTPUTS)
     vertices, triangles = adapters.read_mesh(mesh)
     _warn_of_rounding(path, vertices.points)
+    _warn_of_loss(path, vertices, writers.MESH_KEEPS[suffix])
     with open_atomic(path) as stream:
         writers.MESH_WRITERS[suffix](stream, vertices, triangles)
 
 
-def check_output(path: str | os.PathLike[str], endings: Collection[str]) -> None:
-    """Raise what writing to ``path`` would raise, before the work of hours is done.
+def check_contents(
+    path: str | os.PathLike[str], file: PointFile, template: str | os.PathLike[str] | None = None
+) -> None:
+    """Raise what writing the points of ``file`` to ``path`` would raise, before the work is done.
 
     Parameters
     ----------
     path : path-like
         The file to be written.
-    endings : collection of str
-        The endings that are allowed, ``CLOUD_OUTPUTS`` or ``MESH_OUTPUTS``; empty allows any.
+    file : PointFile
+        What is going to be written there, with normals.
+    template : path-like, optional
+        As of :func:`write_point_cloud`.
 
     Raises
     ------
-    OSError
-        The folder is missing or not writable.
     ValueError
-        An ending that is not allowed, or ``path`` is no regular file.
+        The format cannot hold the points, or not what else is in ``template``.
+    ImportError
+        laspy is needed and missing.
     """
     path = Path(path)
-    if endings:
-        _check_suffix(path, endings)
-    stream, name = _create_beside(_target(path))
-    stream.close()
-    name.unlink()
+    if path.suffix.lower() in las.FORMATS:
+        las.check_las(file.points, path.suffix.lower() == ".laz", _las_template(path, template))
 
 
-@contextlib.contextmanager
-def open_atomic(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
-    """Open a binary stream whose contents appear at ``path`` when the block ends without error.
-
-    Written under a temporary name in the same folder, flushed to the disk, then renamed. Whatever
-    ends the block early, Ctrl-C included, removes the temporary file and leaves ``path`` alone.
-
-    Parameters
-    ----------
-    path : path-like
-        The file to be written or replaced; a link is followed.
-
-    Yields
-    ------
-    binary stream
-        For writing; seekable.
-
-    Raises
-    ------
-    OSError
-        The folder is missing or not writable, or the disk is full.
-    ValueError
-        ``path`` exists and is no regular file.
-    """
-    target = _target(Path(path))
-    stream, name = _create_beside(target)
-    try:
-        with stream:
-            yield stream
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(name, target)
-    except BaseException as error:
-        name.unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            _rename_in_message(error, target)
-        raise
+def _las_template(path: Path, template: str | os.PathLike[str] | None) -> Path | None:
+    """Return ``template`` where ``path`` can keep what only LAS holds."""
+    if template is None or path.suffix.lower() not in las.FORMATS:
+        return None
+    return Path(template) if Path(template).suffix.lower() in las.FORMATS else None
 
 
-def _target(path: Path) -> Path:
-    """Follow links, and refuse what a rename would destroy (a device, a folder)."""
-    target = Path(os.path.realpath(path))
-    if target.exists() and not target.is_file():
-        kind = "a folder" if target.is_dir() else "a device or pipe"
-        raise ValueError(f"{path}: expected a regular file or a new name, got {kind}")
-    return target
-
-
-def _create_beside(target: Path) -> tuple[BinaryIO, Path]:
-    """Create a hidden file in the folder of ``target``, with the rights that ``target`` has."""
-    name = target.with_name(f".{target.name[:100]}.{secrets.token_hex(4)}.part")
-    try:
-        stream = name.open("x+b")
-    except OSError as error:
-        _rename_in_message(error, target)
-        raise
-    if target.exists():
-        name.chmod(stat.S_IMODE(target.stat().st_mode))
-    return stream, name
-
-
-def _rename_in_message(error: OSError, target: Path) -> None:
-    """Let the message name the file that the user asked for, not the temporary one or none."""
-    error.filename = str(target)
-    del error.filename2  # None would be a second name
-
-
-def _check_suffix(path: Path, endings: Collection[str]) -> str:
-    suffix = path.suffix.lower()
-    if suffix not in endings:
-        known = " ".join(sorted(endings))
-        raise ValueError(f"{path}: expected one of the endings {known}, got {suffix or 'none'}")
-    return suffix
+def _warn_of_loss(path: Path, arrays: adapters.CloudArrays, keeps: Collection[str] | None) -> None:
+    """Say so when a format has no room for what is stored per point; None keeps everything."""
+    if keeps is None:
+        return
+    lost = [] if arrays.normals is None or "normals" in keeps else ["normals"]
+    lost += sorted(arrays.attributes.keys() - set(keeps))
+    if lost:
+        _logger.warning("%s: not kept: %s; .ply keeps them", path, " ".join(lost))
 
 
 def _warn_of_rounding(path: Path, points: NDArray[np.float64]) -> None:

@@ -6,6 +6,7 @@ destroys georeferenced coordinates. These write through Python's file objects, w
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Callable
 from typing import Any, BinaryIO
 
@@ -71,7 +72,11 @@ def write_cloud_pcd(stream: BinaryIO, cloud: CloudArrays) -> None:
 def write_cloud_npz(stream: BinaryIO, cloud: CloudArrays) -> None:
     """Write a NumPy archive with one array per attribute, as Open3D's tensor reader takes it."""
     arrays = {"positions": cloud.points, "normals": _normals(cloud), **cloud.attributes}
-    np.savez(stream, allow_pickle=False, **arrays)
+    # Not by np.savez: there, attributes named "file" or "allow_pickle" are arguments.
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED, allowZip64=True) as archive:
+        for name, values in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                np.lib.format.write_array(entry, np.asarray(values), allow_pickle=False)
 
 
 def write_mesh_obj(stream: BinaryIO, vertices: CloudArrays, triangles: NDArray[np.int64]) -> None:
@@ -134,6 +139,27 @@ MESH_WRITERS: dict[str, Callable[[BinaryIO, CloudArrays, NDArray[np.int64]], Non
     ".obj": write_mesh_obj,
     ".off": write_mesh_off,
     ".stl": write_mesh_stl,
+}
+
+
+# What a format keeps beside coordinates; None is everything.
+CLOUD_KEEPS: dict[str, frozenset[str] | None] = {
+    ".ply": None,
+    ".npz": None,
+    ".pcd": frozenset({"normals", "colors"}),
+    ".las": frozenset({"normals", "colors"}),
+    ".laz": frozenset({"normals", "colors"}),
+    ".xyz": frozenset({"normals"}),
+    ".xyzn": frozenset({"normals"}),
+}
+
+
+MESH_KEEPS: dict[str, frozenset[str] | None] = {
+    ".ply": None,
+    ".obj": frozenset({"normals", "colors"}),
+    ".off": frozenset({"colors"}),
+    # Normals of facets follow from the corners; nobody expects others there.
+    ".stl": frozenset({"normals"}),
 }
 
 

@@ -1,0 +1,131 @@
+"""Output files: checked before the work, written whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+import stat
+from collections.abc import Collection, Iterable, Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+
+def check_ending(path: Path, endings: Collection[str]) -> str:
+    """Return the ending of a file in small letters; ``ValueError`` if it is none of ``endings``."""
+    suffix = path.suffix.lower()
+    if suffix not in endings:
+        known = " ".join(sorted(endings))
+        raise ValueError(f"{path}: expected one of the endings {known}, got {suffix or 'none'}")
+    return suffix
+
+
+def check_output(path: str | os.PathLike[str], endings: Collection[str]) -> None:
+    """Raise what writing to ``path`` would raise, before the work of hours is done.
+
+    Parameters
+    ----------
+    path : path-like
+        The file to be written.
+    endings : collection of str
+        The endings that are allowed, ``CLOUD_OUTPUTS`` or ``MESH_OUTPUTS``; empty allows any.
+
+    Raises
+    ------
+    OSError
+        The folder is missing or not writable.
+    ValueError
+        An ending that is not allowed, or ``path`` is no regular file.
+    """
+    path = Path(path)
+    if endings:
+        check_ending(path, endings)
+    stream, name = _create_beside(_target(path))
+    stream.close()
+    name.unlink()
+
+
+def check_different(
+    inputs: Iterable[str | os.PathLike[str]], outputs: Iterable[str | os.PathLike[str]]
+) -> None:
+    """Raise ``ValueError`` when an output is an input or another output, under whatever name."""
+    named = [*inputs]
+    for output in outputs:
+        for other in named:
+            if _is_same(Path(output), Path(other)):
+                raise ValueError(f"{output}: expected another file than {other}, got the same")
+        named.append(output)
+
+
+def _is_same(one: Path, other: Path) -> bool:
+    try:
+        return one.samefile(other)
+    except (OSError, ValueError):  # not both are there
+        return os.path.realpath(one) == os.path.realpath(other)
+
+
+@contextlib.contextmanager
+def open_atomic(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+    """Open a binary stream whose contents appear at ``path`` when the block ends without error.
+
+    Written under a temporary name in the same folder, flushed to the disk, then renamed. Whatever
+    ends the block early, Ctrl-C included, removes the temporary file and leaves ``path`` alone.
+
+    Parameters
+    ----------
+    path : path-like
+        The file to be written or replaced; a link is followed.
+
+    Yields
+    ------
+    binary stream
+        For writing; seekable.
+
+    Raises
+    ------
+    OSError
+        The folder is missing or not writable, or the disk is full.
+    ValueError
+        ``path`` exists and is no regular file.
+    """
+    target = _target(Path(path))
+    stream, name = _create_beside(target)
+    try:
+        with stream:
+            yield stream
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(name, target)
+    except BaseException as error:
+        name.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            _rename_in_message(error, target)
+        raise
+
+
+def _target(path: Path) -> Path:
+    """Follow links, and refuse what a rename would destroy (a device, a folder)."""
+    target = Path(os.path.realpath(path))
+    if target.exists() and not target.is_file():
+        kind = "a folder" if target.is_dir() else "a device or pipe"
+        raise ValueError(f"{path}: expected a regular file or a new name, got {kind}")
+    return target
+
+
+def _create_beside(target: Path) -> tuple[BinaryIO, Path]:
+    """Create a hidden file in the folder of ``target``, with the rights that ``target`` has."""
+    name = target.with_name(f".{target.name[:100]}.{secrets.token_hex(4)}.part")
+    try:
+        stream = name.open("x+b")
+    except OSError as error:
+        _rename_in_message(error, target)
+        raise
+    if target.exists():
+        name.chmod(stat.S_IMODE(target.stat().st_mode))
+    return stream, name
+
+
+def _rename_in_message(error: OSError, target: Path) -> None:
+    """Let the message name the file that the user asked for, not the temporary one or none."""
+    error.filename = str(target)
+    del error.filename2  # None would be a second name
