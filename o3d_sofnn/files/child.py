@@ -116,7 +116,9 @@ def _error(text: str, path: Path) -> Exception:
     kind, _, message = text.partition(": ")
     if kind == "ImportError":
         return ImportError(message)
-    return ValueError(f"{path}: not readable: {message[:300] or kind}")
+    # libE57 goes on with where in its sources it was.
+    message = message.partition("****")[0].strip() or kind
+    return ValueError(f"{path}: not readable: {message[:200]}")
 
 
 def _send(pipe: IO[bytes], length: int, frame: Any) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import errno
 import math
 import struct
 import zipfile
@@ -83,6 +84,11 @@ def read_npz(path: Path) -> PointFile:
             NotImplementedError, RuntimeError,
         ) as error:  # fmt: skip
             raise ValueError(f"{path}: not readable as npz: {error}") from error
+        except OSError as error:
+            # A damaged directory of the archive points to before the beginning of the file.
+            if error.errno != errno.EINVAL:
+                raise
+            raise ValueError(f"{path}: not readable as npz: a damaged directory") from error
     return _from_arrays(path, arrays, notes)
 
 

@@ -199,7 +199,7 @@ def _read_e57(path: str) -> Iterator[tuple[dict[str, Any], dict[str, NDArray[Any
         points = scan["points"]
         prototype = libe57.StructureNode(points.prototype())
         names = [prototype.get(i).elementName() for i in range(prototype.childCount())]
-        wanted = [name for name in _E57_FIELDS if prototype.isDefined(name)]
+        wanted = [name for name in _E57_FIELDS if name in names]
         meta = {
             "crs": crs,
             "has_pose": scan.isDefined("pose"),
