@@ -115,7 +115,7 @@ def check_las(points: Array, compress: bool, template: Path | None) -> None:
         return
     with open_regular(template) as stream:
         header = _read_header(stream, template)[1]
-    with _laspy_errors(template, "written again"):
+    with _laspy_errors(template, "to be written again, choose an OUT like .ply"):
         one = laspy.LasData(header, laspy.PackedPointRecord.zeros(1, header.point_format))
         _write(io.BytesIO(), one, np.zeros((1, 3)), compress)
 
@@ -130,7 +130,9 @@ def _write(stream: BinaryIO, data: Any, normals: Array | None, compress: bool) -
         data.add_extra_dims([laspy.ExtraBytesParams(n, "f8") for n in _NORMALS if n not in kept])
         for name, values in zip(_NORMALS, normals.T, strict=True):
             data[name] = values
-    # Points keep their order, the index of COPC would be wrong for what is written.
+    if data.header.version.minor == 0:  # laspy writes from 1.1 on, which differs in names alone
+        data.header.version = laspy.header.Version.from_str("1.1")
+    # What is written has no octree in its order.
     for records in (data.header.vlrs, data.header.evlrs or []):
         records[:] = [record for record in records if record.user_id != "copc"]
     # In memory first: on a full disk the compressor would hide the reason.

@@ -13,6 +13,10 @@ from typing import BinaryIO
 _MOST_EXPANSION, _ALWAYS_ALLOWED = 100, 2**27
 
 
+class NotRegularError(ValueError):
+    """What should be a file is a device, a pipe or a socket."""
+
+
 def too_large(size: int, packed: int) -> bool:
     """Return whether ``size`` bytes cannot be honest contents of ``packed`` ones."""
     return size > max(_MOST_EXPANSION * packed, _ALWAYS_ALLOWED)
@@ -25,7 +29,7 @@ def open_regular(path: Path) -> BinaryIO:
     ------
     OSError
         No such file, a folder, no permission.
-    ValueError
+    NotRegularError
         A device, a pipe or a socket: reading it could wait, or go on, for ever.
     """
     # Without O_NONBLOCK, opening a pipe already waits for somebody who writes into it.
@@ -36,7 +40,7 @@ def open_regular(path: Path) -> BinaryIO:
         if stat.S_ISDIR(mode):
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         if not stat.S_ISREG(mode):
-            raise ValueError(f"{path}: expected a regular file, got a device or pipe")
+            raise NotRegularError(f"{path}: expected a regular file, got a device or pipe")
         return os.fdopen(descriptor, "rb")
     except BaseException:
         os.close(descriptor)

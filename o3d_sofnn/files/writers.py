@@ -157,8 +157,8 @@ CLOUD_KEEPS: dict[str, frozenset[str] | None] = {
 MESH_KEEPS: dict[str, frozenset[str] | None] = {
     ".ply": None,
     ".obj": frozenset({"normals", "colors"}),
-    ".off": frozenset({"colors"}),
-    # Normals of facets follow from the corners; nobody expects others there.
+    # Normals of a mesh follow from its faces.
+    ".off": frozenset({"normals", "colors"}),
     ".stl": frozenset({"normals"}),
 }
 

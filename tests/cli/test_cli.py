@@ -125,11 +125,6 @@ def test_the_vertices_of_a_mesh_file_are_points(tmp_path):
     assert_valid_mesh(o3d.io.read_triangle_mesh(str(tmp_path / "out.obj")), components=1)
 
 
-def test_the_output_may_be_the_input(scan):
-    assert main.main(["normals", str(scan), str(scan)]) == 0
-    assert o3d.io.read_point_cloud(str(scan)).has_normals()
-
-
 def test_the_report_of_the_mesh(tmp_path, scan):
     output, destination = tmp_path / "out.ply", tmp_path / "report.json"
     assert main.main(["reconstruct", str(scan), str(output), "--json", str(destination)]) == 0

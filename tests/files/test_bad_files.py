@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import resource
 import subprocess
@@ -69,17 +70,15 @@ def test_files_that_are_not_there_or_no_files(tmp_path):
         point_files.read_point_cloud(tmp_path / "letter.doc")
 
 
-def test_lines_that_hold_no_point_are_counted(tmp_path, caplog):
-    points = [f"{x} {y} {x * y}" for x in range(5) for y in range(5)]
-    (tmp_path / "scan.xyz").write_text("\n".join(["# x y z", "x y z", "", *points, "1 2"]))
-    assert len(point_files.read_point_cloud(tmp_path / "scan.xyz").point["positions"]) == 25
-    assert "2 of 27 lines are no points" in caplog.text
-
-
-def test_lines_of_another_format_are_shown(tmp_path):
-    (tmp_path / "scan.xyz").write_text("1.5,2.5,3.5\n" * 10)
-    with pytest.raises(ValueError, match=r"expected lines 'x y z' .*, got '1.5,2.5,3.5'"):
-        point_files.read_point_cloud(tmp_path / "scan.xyz")
+def test_what_is_left_out_is_logged_and_reported(tmp_path, capfd):
+    rows = "".join(f"{x} {y} {x * y * 0.1} 7\n" for x in range(9) for y in range(9))
+    (tmp_path / "scan.xyz").write_text(rows)
+    note = "columns without names kept as column_4"
+    output, report = tmp_path / "out.ply", tmp_path / "report.json"
+    arguments = ["normals", str(tmp_path / "scan.xyz"), str(output), "--json", str(report)]
+    assert main.main(arguments) == 0
+    assert f"WARNING: {tmp_path / 'scan.xyz'}: {note}\n" in capfd.readouterr().err
+    assert note in json.loads(report.read_text())["warnings"]
 
 
 @pytest.mark.parametrize("command", ["normals", "reconstruct"])
@@ -100,7 +99,7 @@ def test_a_file_without_permission(tmp_path, capfd, monkeypatch, scan):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(self))
 
     # Real permissions do not stop root, as whom tests run in containers.
-    monkeypatch.setattr(point_files.readers, "read_with_open3d", lambda path: refuse(path))
+    monkeypatch.setattr(point_files.readers, "read", lambda path: refuse(path))
     assert main.main(["normals", str(scan), str(tmp_path / "out.ply")]) == main.BAD_INPUT
     assert "Permission denied" in complaint(capfd)
 
@@ -127,6 +126,43 @@ def test_a_read_only_folder(tmp_path, capfd, monkeypatch, scan):
     line = complaint(capfd)
     assert "Read-only file system" in line
     assert str(output) in line
+
+
+@pytest.mark.usefixtures("no_work")
+@pytest.mark.parametrize("command", ["normals", "reconstruct"])
+@pytest.mark.parametrize("output", ["scan.ply", "link.ply", "./none/../scan.ply", "hard.ply"])
+def test_an_output_that_is_the_input(tmp_path, capfd, monkeypatch, scan, command, output):
+    (tmp_path / "link.ply").symlink_to(scan)
+    (tmp_path / "hard.ply").hardlink_to(scan)
+    (tmp_path / "none").mkdir()
+    monkeypatch.chdir(tmp_path)
+    before = scan.read_bytes()
+    for arguments in ([output], ["out.ply", "--json", output], [output, "--json", "report.json"]):
+        assert main.main([command, "scan.ply", *arguments]) == main.BAD_INPUT
+        assert f"{Path(output)}: expected another file than" in complaint(capfd)
+        assert main.main([command, str(scan), *arguments]) == main.BAD_INPUT
+        complaint(capfd)
+    assert scan.read_bytes() == before
+    assert not (tmp_path / "out.ply").exists()
+
+
+@pytest.mark.usefixtures("no_work")
+def test_a_report_that_is_the_output(tmp_path, capfd, scan):
+    (tmp_path / "link.json").symlink_to(tmp_path / "out.ply")
+    for report in ("out.ply", "link.json"):
+        arguments = [str(scan), str(tmp_path / "out.ply"), "--json", str(tmp_path / report)]
+        assert main.main(["normals", *arguments]) == main.BAD_INPUT
+        assert "expected another file than" in complaint(capfd)
+
+
+@pytest.mark.usefixtures("no_work")
+def test_what_las_cannot_hold_is_said_before_the_work(tmp_path, capfd):
+    points = shapes.sphere().points
+    points[3] = float("nan")
+    path = tmp_path / "scan.ply"
+    point_files.write_point_cloud(path, adapters.make_cloud(adapters.CloudArrays(points)))
+    assert main.main(["normals", str(path), str(tmp_path / "out.las")]) == main.BAD_INPUT
+    assert "expected finite coordinates for LAS" in complaint(capfd)
 
 
 @pytest.mark.usefixtures("no_work")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 import stat
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from o3d_sofnn import adapters
-from o3d_sofnn.files import point_files
+from o3d_sofnn.files import point_files, writers
 
 UTM = np.array([5e5, 4.9e6, 100.0])
 
@@ -81,6 +82,59 @@ def test_attributes_that_ply_has_no_type_for(tmp_path, cloud):
     assert np.array_equal(back["far_id"].numpy(), stored.attributes["far id"])
     assert np.array_equal(back["seen"].numpy(), stored.attributes["seen"])
     assert np.array_equal(back["uv_1"].numpy()[:, 0], stored.attributes["uv"][:, 1])
+
+
+def test_attributes_with_names_that_mean_something_to_numpy(tmp_path, cloud):
+    stored = adapters.read_cloud(cloud)
+    for i, name in enumerate(("file", "allow_pickle", "a/b")):
+        stored.attributes[name] = np.full((len(stored.points), 1), i)
+    point_files.write_point_cloud(tmp_path / "cloud.npz", adapters.make_cloud(stored))
+    with np.load(tmp_path / "cloud.npz") as archive:
+        assert set(archive.files) == {"positions", "normals", *stored.attributes}
+        assert archive["allow_pickle"].shape == (len(stored.points), 1)
+    back = point_files.read_points(tmp_path / "cloud.npz")
+    assert back.notes == ()
+    assert back.attributes.keys() == stored.attributes.keys()
+    for name, values in stored.attributes.items():
+        assert np.array_equal(back.attributes[name], values)
+
+
+def test_npz_keeps_values_for_the_cloud_as_a_whole(tmp_path):
+    stream = io.BytesIO()
+    cloud = adapters.CloudArrays(UTM + np.eye(3), None, {"scale": np.array(3.0)})
+    writers.write_cloud_npz(stream, cloud)
+    (tmp_path / "cloud.npz").write_bytes(stream.getvalue())
+    with np.load(tmp_path / "cloud.npz") as archive:
+        assert archive["scale"] == 3.0
+    assert point_files.read_points(tmp_path / "cloud.npz").notes == (
+        "'scale' left out: float64() is no number per point",
+    )
+
+
+@pytest.mark.parametrize(
+    ("ending", "lost"),
+    [
+        (".ply", None),
+        (".npz", None),
+        (".pcd", "intensity label"),
+        (".xyz", "colors intensity label"),
+        (".las", "intensity label"),
+    ],
+)
+def test_what_a_format_has_no_room_for_is_said(tmp_path, cloud, ending, lost, caplog):
+    pytest.importorskip("laspy")
+    point_files.write_point_cloud(tmp_path / f"cloud{ending}", cloud)
+    assert (f"not kept: {lost};" in caplog.text) == (lost is not None)
+    assert ("not kept" in caplog.text) == (lost is not None)
+
+
+@pytest.mark.parametrize(
+    ("ending", "lost"), [(".ply", None), (".obj", None), (".off", None), (".stl", "colors")]
+)
+def test_what_a_mesh_format_has_no_room_for_is_said(tmp_path, mesh, ending, lost, caplog):
+    point_files.write_triangle_mesh(tmp_path / f"mesh{ending}", mesh)
+    assert (f"not kept: {lost};" in caplog.text) == (lost is not None)
+    assert ("not kept" in caplog.text) == (lost is not None)
 
 
 def test_open3d_reads_the_ply_as_it_is(tmp_path, cloud):

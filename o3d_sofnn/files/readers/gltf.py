@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn.files import triangles
 from o3d_sofnn.files.columns import Array, PointFile
-from o3d_sofnn.files.regular import bytes_left, open_regular, too_large
+from o3d_sofnn.files.regular import NotRegularError, bytes_left, open_regular, too_large
 from o3d_sofnn.files.triangles import Triangles
 
 _TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -29,8 +29,7 @@ _MAGIC, _JSON, _BINARY = b"glTF", b"JSON", b"BIN\0"
 _POINTS, _TRIANGLES, _STRIP, _FAN = 0, 4, 5, 6
 
 
-# Nodes deeper in each other than this are in a circle.
-_DEEPEST = 100
+_DEEPEST = 100  # nodes deeper in each other are in a circle
 
 
 class _Fault(Exception):
@@ -55,9 +54,10 @@ def read_gltf(path: Path) -> PointFile:
     attributes = {}
     colors = [part.colors for part in parts if part.colors is not None]
     if colors and len(colors) == len(parts):
-        kinds = {part.dtype for part in colors}
-        shares = colors if len(kinds) == 1 else [_as_shares(part) for part in colors]
-        attributes["colors"] = np.concatenate(shares)
+        if len({part.dtype for part in colors}) > 1:
+            full = [np.iinfo(p.dtype).max if p.dtype.kind == "u" else 1.0 for p in colors]
+            colors = [part / most for part, most in zip(colors, full, strict=True)]
+        attributes["colors"] = np.concatenate(colors)
     elif colors:
         notes.append("colours left out: some meshes have none")
     others = sorted({name for part in parts for name in part.others})
@@ -196,6 +196,8 @@ def _read(path: Path) -> list[_Part]:
     size = 0
     try:
         contents, binary = _read_json(path)
+        if not contents["asset"]["version"].startswith("2."):
+            raise _Fault("another version than 2")
         file = _File(path, contents, binary)
         for primitive, transform in _primitives(contents):
             parts.append(_Part(file, primitive, transform))
@@ -204,6 +206,8 @@ def _read(path: Path) -> list[_Part]:
             if too_large(size, file.size):
                 raise _Fault(f"{size} bytes of points out of {file.size}")
         return parts
+    except NotRegularError:
+        raise
     except _Fault as fault:
         raise ValueError(f"{path}: not readable as glTF: {fault}") from None
     except (LookupError, TypeError, AttributeError, ValueError, ArithmeticError) as error:
@@ -217,7 +221,7 @@ def _read_json(path: Path) -> tuple[dict[str, Any], bytes | None]:
     with open_regular(path) as stream:
         data = stream.read()
     if not data.startswith(_MAGIC):
-        return _checked(json.loads(data.decode("utf-8-sig"))), None
+        return json.loads(data.decode("utf-8-sig")), None
     chunks: dict[bytes, bytes] = {}
     at, end = 12, int.from_bytes(data[8:12], "little")
     if end > len(data):
@@ -228,13 +232,7 @@ def _read_json(path: Path) -> tuple[dict[str, Any], bytes | None]:
             raise _Fault("a part beyond the end of the file")
         chunks.setdefault(data[at + 4 : at + 8], data[at + 8 : at + 8 + length])
         at += 8 + length
-    return _checked(json.loads(chunks[_JSON].decode())), chunks.get(_BINARY)
-
-
-def _checked(contents: Any) -> dict[str, Any]:
-    if not str(contents["asset"]["version"]).startswith("2."):
-        raise _Fault("another version than 2")
-    return dict(contents)
+    return json.loads(chunks[_JSON].decode()), chunks.get(_BINARY)
 
 
 def _primitives(contents: dict[str, Any]) -> Iterator[tuple[dict[str, Any], Array]]:
@@ -290,10 +288,6 @@ def _cofactors(matrix: Array) -> Array:
 
 def _points(parts: list[_Part]) -> Array:
     return np.concatenate([np.zeros((0, 3)), *(part.points for part in parts)])
-
-
-def _as_shares(colors: NDArray[Any]) -> NDArray[Any]:
-    return colors / np.iinfo(colors.dtype).max if colors.dtype.kind == "u" else colors
 
 
 def _at(items: list[Any], index: int) -> Any:

@@ -25,6 +25,10 @@ _SPLITS = (
 )
 
 
+# With decimal commas, a point is part of no number.
+_SWAPPED = str.maketrans(",.", ".,")
+
+
 # Lines of plain words before the first row, such as a title and names of columns.
 _MOST_TITLES = 10
 
@@ -46,10 +50,13 @@ class Split(NamedTuple):
     decimal_comma: bool
     trailing: bool = False
 
+    def with_points(self, text: str) -> str:
+        """Return a line with decimal points."""
+        return text.translate(_SWAPPED) if self.decimal_comma else text
+
     def fields(self, text: str) -> list[str]:
-        """Return the fields of a line, decimal commas made points; without quotes."""
-        if self.decimal_comma:
-            text = text.replace(",", ".")
+        """Return the fields of a line with decimal points and without quotes."""
+        text = self.with_points(text)
         if self.trailing:
             text = text.removesuffix(self.delimiter or "")
         return [field.strip().strip('"') for field in text.split(self.delimiter)]
@@ -177,11 +184,12 @@ def _names(
     """Return the names of the columns, and the lines before the rows that are not them."""
     if titles:
         names = _fields_of_names(titles[-1][1], split, width)
-        if names is not None:
+        # Words between blanks may be a sentence.
+        if names is not None and (split.delimiter is not None or _name_coordinates(names)):
             return names, titles[:-1]
     for comment in reversed(comments):
         names = _fields_of_names(comment.lstrip("#/% "), split, width)
-        if names is not None and {"x", "y", "z"} <= {name.lower() for name in names}:
+        if names is not None and _name_coordinates(names):
             return names, titles
     return None, titles
 
@@ -193,6 +201,10 @@ def _fields_of_names(text: str, split: Split, width: int) -> list[str] | None:
         if len(names) == width and all(names):
             return names
     return None
+
+
+def _name_coordinates(names: list[str]) -> bool:
+    return {"x", "y", "z"} <= {name.lower() for name in names}
 
 
 def _is_number(field: str) -> bool:

@@ -108,7 +108,7 @@ class _Rows:
         delimiter = found.split.delimiter
         simple = len(found.used) == found.width and '"' not in text
         if simple and (delimiter is None or not _has_gap(text, delimiter)):
-            return text.replace(",", ".") if found.split.decimal_comma else text
+            return found.split.with_points(text)
         fields = [field or "nan" for field in found.split.fields(text)]
         if len(fields) != found.width:
             return NO_ROW
