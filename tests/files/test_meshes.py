@@ -75,7 +75,7 @@ def test_obj_faces_and_statements(tmp_path):
     assert triangles.tolist() == expected
     damaged = write(tmp_path, "b.obj", text + "w 1 2 3\n")
     assert point_files.read_points(damaged).notes == (
-        "1 lines left out, which are no statements of OBJ",
+        "lines left out, which are no statements of OBJ: 'w'",
     )
     for face in ("f 1 2 31", "f 0 1 2", "f 1 2 x", "f 1 2 -99"):
         with pytest.raises(ValueError, match=r"c\.obj: "):

@@ -172,6 +172,8 @@ def test_the_last_number_cut_short(tmp_path):
     for keep in range(1, 6):
         with pytest.raises(ValueError, match=r"cut short|expected 3 numbers"):
             read(tmp_path, lines()[: -1 - keep])
+        with pytest.raises(ValueError, match=r"cut short|expected 3 numbers"):
+            read(tmp_path, lines()[: -1 - keep], encoding="utf-16")
     # Nothing is missing but the end of the line, or the numbers have no fixed form.
     assert len(read(tmp_path, lines()[:-1]).points) == 40
     free = "".join(" ".join(map(repr, point)) + "\n" for point in (POINTS / 3).tolist())

@@ -8,9 +8,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from o3d_sofnn.files import las, triangles
+from o3d_sofnn.files import las, natives, triangles
 from o3d_sofnn.files.columns import Array, PointFile
-from o3d_sofnn.files.readers import arrays, gltf, meshes, natives, pcd, ply, ptx, text
+from o3d_sofnn.files.readers import arrays, gltf, meshes, obj, pcd, ply, ptx, text
 from o3d_sofnn.files.triangles import Triangles
 
 _Result = TypeVar("_Result")
@@ -23,7 +23,7 @@ _READERS: dict[str, Callable[[Path], PointFile]] = {
     ".e57": natives.read_e57,
     ".npy": arrays.read_npy,
     ".npz": arrays.read_npz,
-    ".obj": meshes.read_obj,
+    ".obj": obj.read_obj,
     ".off": meshes.read_off,
     ".stl": meshes.read_stl,
     ".gltf": gltf.read_gltf,
@@ -36,7 +36,7 @@ _READERS: dict[str, Callable[[Path], PointFile]] = {
 
 _MESH_READERS: dict[str, Callable[[Path], tuple[Array, Triangles]]] = {
     ".ply": ply.read_ply_mesh,
-    ".obj": meshes.read_obj_mesh,
+    ".obj": obj.read_obj_mesh,
     ".off": meshes.read_off_mesh,
     ".stl": meshes.read_stl_mesh,
     ".gltf": gltf.read_gltf_mesh,

@@ -136,14 +136,11 @@ def check_end(path: Path, decimal_sign: str = ".") -> None:
     That is so if its last line does not end, and the last number has fewer decimals than all others
     in a file where all have the same number of them.
     """
-    with open_regular(path) as stream:
-        size = bytes_left(stream)
-        stream.seek(max(size - _TAIL, 0))
-        tail = stream.read().decode(errors="replace")
+    tail, is_all = _tail(path)
     *whole, last = tail.splitlines() or [""]
-    if size > _TAIL:
+    if not is_all:
         whole = whole[1:]
-    if tail.endswith(("\n", "\r")) or "\0" in tail:
+    if tail.endswith(("\n", "\r")):
         return
     decimals = re.compile(rf"\d\{decimal_sign}(\d+(?:[eE][+-]?\d+)?)")
     lengths = [len(digits) for line in whole for digits in decimals.findall(line)]
@@ -159,6 +156,18 @@ def excerpt(text: str) -> str:
     """Return the beginning of a text in quotes, control characters made visible."""
     text = " ".join(text.split())
     return repr(text if len(text) <= 60 else text[:57] + "...")
+
+
+def _tail(path: Path) -> tuple[str, bool]:
+    """Return the end of a text, and whether that is all of it."""
+    with open_regular(path) as stream:
+        if b"\0" in stream.read(_HEAD):
+            with open_text(path) as text:
+                return text.read(), True
+        stream.seek(0)
+        size = bytes_left(stream)
+        stream.seek(max(size - _TAIL, 0))
+        return stream.read().decode(errors="replace"), size <= _TAIL
 
 
 def _encoding(stream: BinaryIO, path: Path) -> str:

@@ -1,4 +1,4 @@
-"""OBJ, OFF and STL: vertices in double, with or without faces; no other file is opened."""
+"""OFF and STL: vertices in double, with or without faces."""
 
 from __future__ import annotations
 
@@ -18,134 +18,10 @@ from o3d_sofnn.files.triangles import Triangles
 _COORDINATES, _COLORS, _NORMALS = ("x", "y", "z"), ("red", "green", "blue"), ("nx", "ny", "nz")
 
 
-# Columns of a vertex in OBJ.
-_OBJ_COLUMNS = {
-    3: _COORDINATES,
-    4: (*_COORDINATES, "weight"),
-    6: (*_COORDINATES, *_COLORS),
-    7: (*_COORDINATES, *_COLORS, "alpha"),
-}
-
-
-# Statements of OBJ; a line with another word may be a damaged vertex.
-_OBJ_WORDS = frozenset(
-    [
-        *("v", "vt", "vn", "vp", "f", "l", "p", "g", "o", "s", "mg", "usemtl", "mtllib", "usemap"),
-        *("maplib", "cstype", "deg", "bmat", "step", "curv", "curv2", "surf", "parm", "trim"),
-        *("hole", "scrv", "sp", "end", "con", "bevel", "c_interp", "d_interp", "lod"),
-        *("shadow_obj", "trace_obj", "ctech", "stech", "call", "csh"),
-    ]
-)
-
-
 _STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 _STL_HEAD = 80
-
-
-def read_obj(path: Path) -> PointFile:
-    """Read vertices with their colours, and normals where each vertex has one of its own.
-
-    Raises
-    ------
-    OSError
-        As of opening a file.
-    ValueError
-        No OBJ, or a vertex is no row of numbers.
-    """
-    vertices, unknown = _read_obj_table(path, "v")
-    names = _OBJ_COLUMNS.get(vertices.shape[1])
-    if names is None or len(vertices) == 0:
-        raise ValueError(f"{path}: not readable as OBJ: no lines 'v x y z'")
-    found = dict(zip(names, vertices.T, strict=True))
-    notes = [f"{unknown} lines left out, which are no statements of OBJ"] if unknown else []
-    normals, _ = _read_obj_table(path, "vn")
-    if normals.shape == (len(vertices), 3) and _normals_are_of_vertices(path):
-        found |= dict(zip(_NORMALS, normals.T, strict=True))
-    elif len(normals):
-        notes.append("normals left out: they belong to corners of faces")
-    check_end(path)
-    return columns.from_columns(path, found, notes)
-
-
-def read_obj_mesh(path: Path) -> tuple[Array, Triangles]:
-    """Read the (m, 3) vertices and the (f, 3) triangles."""
-    points = read_obj(path).points
-    counts: list[int] = []
-    corners: list[int] = []
-    for face in _obj_faces(path):
-        counts.append(len(face))
-        corners += [vertex for vertex, _ in face]
-    found = triangles.from_polygons(np.array(counts, int), np.array(corners, int))
-    return points, triangles.checked(found, len(points), path)
-
-
-def _read_obj_table(path: Path, word: str) -> tuple[Array, int]:
-    """Return the numbers behind ``word``, and how many lines are no statements of OBJ."""
-    with open_text(path) as stream:
-        lines = Lines(stream, path)
-        rows = _Statements(lines)
-        values = (rest for kind, rest in rows if kind == word)
-        first = next(values, "")
-        if not first:
-            return np.zeros((0, 3)), rows.unknown
-        table = read_table(itertools.chain([first], values), len(first.split()), lines)
-        return table, rows.unknown
-
-
-class _Statements:
-    """Iterates over (word, rest of the line), and counts the lines that are no statements."""
-
-    def __init__(self, lines: Lines) -> None:
-        self._lines = lines
-        self.unknown = 0
-
-    def __iter__(self) -> Iterator[tuple[str, str]]:
-        lines = iter(self._lines)
-        for line in lines:
-            text = line.strip()
-            while text.endswith("\\"):
-                text = text[:-1] + next(lines, "").strip()
-            if not text or text.startswith("#"):
-                continue
-            word, *rest = text.split(None, 1)
-            self.unknown += word not in _OBJ_WORDS
-            yield word, rest[0] if rest else NO_ROW
-
-
-def _obj_faces(path: Path) -> Iterator[list[tuple[int, int]]]:
-    """Yield faces as (vertex, normal) from zero; the vertex again where there is no normal."""
-    counts = {"v": 0, "vn": 0}
-    with open_text(path) as stream:
-        lines = Lines(stream, path)
-        for word, rest in _Statements(lines):
-            if word in counts:
-                counts[word] += 1
-            elif word == "f":
-                try:
-                    yield [_obj_corner(text, counts) for text in rest.split()]
-                except ValueError:
-                    raise lines.fault("a face") from None
-
-
-def _obj_corner(text: str, counts: dict[str, int]) -> tuple[int, int]:
-    vertex, _, rest = text.partition("/")
-    normal = rest.partition("/")[2]
-    place = _from_zero(vertex, counts["v"])
-    return place, _from_zero(normal, counts["vn"]) if normal else place
-
-
-def _from_zero(text: str, count: int) -> int:
-    """Return a number from one, or one below zero that counts from the end, as an index."""
-    number = int(text)
-    if number == 0 or abs(number) > 2**62:
-        raise ValueError
-    return number - 1 if number > 0 else count + number
-
-
-def _normals_are_of_vertices(path: Path) -> bool:
-    return all(vertex == normal for face in _obj_faces(path) for vertex, normal in face)
 
 
 def read_off(path: Path) -> PointFile:
@@ -199,19 +75,36 @@ def _read_off(path: Path, wants_faces: bool) -> tuple[PointFile, Triangles]:
 
 
 def _off_faces(rows: Iterator[str], count: int, lines: Lines) -> Triangles:
+    taken = list(itertools.islice(rows, count))
+    if len(taken) < count:
+        raise lines.fault(f"{count} faces")
+    width = len(taken[0].split()) if taken else 0
+    try:
+        table = read_table(taken, width, lines)
+    except ValueError:
+        table = None
+    if table is not None and len(table) and (table[:, 0] == table[0, 0]).all():
+        length = int(table[0, 0])
+        if 0 <= length < width:
+            corners = table[:, 1 : length + 1].astype(np.int64).ravel()
+            return triangles.from_polygons(np.full(count, length), corners)
+    return _walk_off_faces(taken, lines)
+
+
+def _walk_off_faces(rows: list[str], lines: Lines) -> Triangles:
+    """Read faces with different numbers of corners, or with colours behind some of them."""
     counts: list[int] = []
     corners: list[int] = []
-    for row in itertools.islice(rows, count):
+    for row in rows:
         try:
-            length, *numbers = (int(word) for word in row.split()[: int(row.split()[0]) + 1])
+            length, *words = row.split()
+            numbers = [int(word) for word in words[: int(length)]]
         except ValueError:
-            raise lines.fault("a face") from None
-        if length != len(numbers) or max(map(abs, numbers), default=0) > 2**62:
-            raise lines.fault("a face")
-        counts.append(length)
+            raise lines.fault("faces") from None
+        if int(length) != len(numbers) or max(map(abs, numbers), default=0) > 2**62:
+            raise lines.fault("faces")
+        counts.append(len(numbers))
         corners += numbers
-    if len(counts) < count:
-        raise lines.fault(f"{count} faces")
     return triangles.from_polygons(np.array(counts, int), np.array(corners, int))
 
 
