@@ -5,6 +5,7 @@ What they return comes back through a pipe, in frames: eight bytes with the leng
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import json
 import os
@@ -136,4 +137,5 @@ def _limit(memory: int) -> None:
     for kind, wanted in ((resource.RLIMIT_AS, memory), (resource.RLIMIT_CORE, 0)):
         hard = resource.getrlimit(kind)[1]
         bound = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
-        resource.setrlimit(kind, (bound, hard))
+        with contextlib.suppress(OSError, ValueError):  # macOS may refuse
+            resource.setrlimit(kind, (bound, hard))

@@ -121,7 +121,7 @@ def write_point_cloud(
     source = _las_template(path, template)
     _warn_of_rounding(path, arrays.points)
     if source is None:
-        _warn_of_loss(path, arrays, writers.CLOUD_KEEPS[suffix])
+        arrays = _fitting(path, arrays, writers.CLOUD_KEEPS[suffix])
     with open_atomic(path) as stream:
         if suffix in las.FORMATS:
             las.write_las(stream, arrays, compress=suffix == ".laz", template=source)
@@ -150,7 +150,7 @@ def write_triangle_mesh(path: str | os.PathLike[str], mesh: Any) -> None:
     suffix = check_ending(path, MESH_OUTPUTS)
     vertices, triangles = adapters.read_mesh(mesh)
     _warn_of_rounding(path, vertices.points)
-    _warn_of_loss(path, vertices, writers.MESH_KEEPS[suffix])
+    vertices = _fitting(path, vertices, writers.MESH_KEEPS[suffix])
     with open_atomic(path) as stream:
         writers.MESH_WRITERS[suffix](stream, vertices, triangles)
 
@@ -188,14 +188,30 @@ def _las_template(path: Path, template: str | os.PathLike[str] | None) -> Path |
     return Path(template) if Path(template).suffix.lower() in las.FORMATS else None
 
 
-def _warn_of_loss(path: Path, arrays: adapters.CloudArrays, keeps: Collection[str] | None) -> None:
-    """Say so when a format has no room for what is stored per point; None keeps everything."""
-    if keeps is None:
-        return
-    lost = [] if arrays.normals is None or "normals" in keeps else ["normals"]
-    lost += sorted(arrays.attributes.keys() - set(keeps))
+def _fitting(
+    path: Path, arrays: adapters.CloudArrays, keeps: Collection[str] | None
+) -> adapters.CloudArrays:
+    """Return what a format has room for, and log what it has not; None keeps all per point."""
+    count = len(arrays.points)
+    per_point = {name: v for name, v in arrays.attributes.items() if v.shape[:1] == (count,)}
+    others = sorted(arrays.attributes.keys() - per_point.keys())
+    if others:
+        _logger.warning("%s: not kept, as not one per point: %s", path, " ".join(others))
+    lost = [] if keeps is None or arrays.normals is None or "normals" in keeps else ["normals"]
+    lost += [] if keeps is None else sorted(per_point.keys() - set(keeps))
     if lost:
         _logger.warning("%s: not kept: %s; .ply keeps them", path, " ".join(lost))
+    rounded = [name for name, values in per_point.items() if _is_beyond_double(values)]
+    if path.suffix.lower() == ".ply" and rounded:
+        _logger.warning("%s: rounded to double precision: %s", path, " ".join(rounded))
+    return adapters.CloudArrays(arrays.points, arrays.normals, per_point)
+
+
+def _is_beyond_double(values: NDArray[Any]) -> bool:
+    """Return whether there are integers that double precision may round."""
+    if values.dtype.kind not in "iu" or values.size == 0:
+        return False
+    return max(int(values.max()), -int(values.min())) > 2**53
 
 
 def _warn_of_rounding(path: Path, points: NDArray[np.float64]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import io
 import os
 import stat
 
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 
 from o3d_sofnn import adapters
-from o3d_sofnn.files import point_files, writers
+from o3d_sofnn.files import point_files
 
 UTM = np.array([5e5, 4.9e6, 100.0])
 
@@ -41,6 +40,10 @@ def mesh():
     levels = np.random.default_rng(0).integers(0, 256, (len(mesh.vertices), 3))
     mesh.vertex_colors = o3d.utility.Vector3dVector(levels / 255.0)
     return mesh
+
+
+def o3d_tensor(values):
+    return pytest.importorskip("open3d").core.Tensor(values)
 
 
 def las_file(path, points, **dimensions):
@@ -99,16 +102,26 @@ def test_attributes_with_names_that_mean_something_to_numpy(tmp_path, cloud):
         assert np.array_equal(back.attributes[name], values)
 
 
-def test_npz_keeps_values_for_the_cloud_as_a_whole(tmp_path):
-    stream = io.BytesIO()
-    cloud = adapters.CloudArrays(UTM + np.eye(3), None, {"scale": np.array(3.0)})
-    writers.write_cloud_npz(stream, cloud)
-    (tmp_path / "cloud.npz").write_bytes(stream.getvalue())
-    with np.load(tmp_path / "cloud.npz") as archive:
-        assert archive["scale"] == 3.0
-    assert point_files.read_points(tmp_path / "cloud.npz").notes == (
-        "'scale' left out: float64() is no number per point",
-    )
+@pytest.mark.parametrize("ending", [".ply", ".npz", ".xyz", ".pcd"])
+def test_values_that_are_not_one_per_point_are_said(tmp_path, cloud, ending, caplog):
+    stored = adapters.read_cloud(cloud)
+    stored.attributes.clear()
+    wrong = adapters.make_cloud(stored)
+    for name, values in (("scale", np.array(3.0)), ("some", np.zeros((4, 1)))):
+        wrong.point[name] = o3d_tensor(values)
+    point_files.write_point_cloud(tmp_path / f"cloud{ending}", wrong)
+    assert "not kept, as not one per point: scale some" in caplog.text
+    back = point_files.read_points(tmp_path / f"cloud{ending}")
+    assert len(back.points) == len(stored.points)
+    assert back.notes == ()
+    assert back.attributes == {}
+
+
+def test_numbers_too_large_for_ply_are_said(tmp_path, cloud, caplog):
+    stored = adapters.read_cloud(cloud)
+    stored.attributes["id"] = np.full((len(stored.points), 1), 2**60 + 1)
+    point_files.write_point_cloud(tmp_path / "cloud.ply", adapters.make_cloud(stored))
+    assert "rounded to double precision: id" in caplog.text
 
 
 @pytest.mark.parametrize(

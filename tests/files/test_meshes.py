@@ -112,6 +112,44 @@ def test_stl_as_text(tmp_path):
             point_files.read_points(write(tmp_path, "b.stl", bad))
 
 
+FBX = """; FBX 7.3.0 project file
+FBXHeaderExtension:  {
+    FBXHeaderVersion: 1003
+    FBXVersion: 7300
+}
+Objects:  {
+    Geometry: 1000, "Geometry::", "Mesh" {
+        Vertices: *12 {
+            a: 0,0,0,1,0,0,0,1,0,0,0,1
+        }
+        PolygonVertexIndex: *12 {
+            a: 0,2,-2,0,1,-4,1,2,-4,0,3,-3
+        }
+    }
+    Model: 2000, "Model::tetrahedron", "Mesh" {
+        Version: 232
+    }
+}
+Connections:  {
+    C: "OO",2000,0
+    C: "OO",1000,2000
+}
+"""
+
+
+def test_fbx_through_open3d(tmp_path):
+    pytest.importorskip("open3d")
+    points, triangles = readers.read_triangles(write(tmp_path, "a.fbx", FBX))
+    assert sorted(points.tolist()) == [[0, 0, 0], [0, 0, 1], [0, 1, 0], [1, 0, 0]]
+    expected = {(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)}
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    assert {
+        tuple((points[t, np.newaxis] == corners).all(2).argmax(1)) for t in triangles
+    } == expected
+    with pytest.raises(ValueError, match=r"b\.fbx: not readable: no vertices"):
+        point_files.read_points(write(tmp_path, "b.fbx", "nonsense"))
+
+
 def gltf(parts, nodes, primitive=None, **more):
     """Return the contents of a glTF; parts are (values, accessor's further entries)."""
     views, accessors, data = [], [], b""
