@@ -76,9 +76,6 @@ def main() -> int:
     return 1 if faults else 0
 
 
-# === damage ===
-
-
 def damaged(folder: Path, count: int, rng: random.Random) -> Iterator[dict[str, Any]]:
     """Write damaged copies of the seeds, each format as often as the others, and yield tasks."""
     seeds = folder / "seeds"
@@ -92,7 +89,7 @@ def damaged(folder: Path, count: int, rng: random.Random) -> Iterator[dict[str, 
         ending = seed.suffix
         if ending == ".e57" and rng.random() < 0.7:
             data = fuzz_seeds.with_checksums(data)
-        if kind == "other ending":
+        if kind == "other ending":  # but for that of Open3D, which takes seconds to start
             ending = rng.choice(sorted(point_files.CLOUD_INPUTS - {".fbx"}))
         path = folder / f"{i}_{seed.stem}{ending}"
         path.write_bytes(data)
@@ -104,20 +101,17 @@ def cut(data: bytes, rng: random.Random) -> bytes:
     return data[: rng.randrange(len(data))]
 
 
-def flip(data: bytes, rng: random.Random) -> bytes:
-    """Change up to eight bytes."""
+def flip(data: bytes, rng: random.Random, most: int = 8, end: int | None = None) -> bytes:
+    """Change up to ``most`` bytes before ``end``."""
     changed = bytearray(data)
-    for _ in range(rng.randint(1, 8)):
-        changed[rng.randrange(len(changed))] = rng.randrange(256)
+    for _ in range(rng.randint(1, most)):
+        changed[rng.randrange(len(data[:end]))] = rng.randrange(256)
     return bytes(changed)
 
 
 def flip_head(data: bytes, rng: random.Random) -> bytes:
     """Change up to three bytes near the beginning, where headers are."""
-    changed = bytearray(data)
-    for _ in range(rng.randint(1, 3)):
-        changed[rng.randrange(min(len(changed), 400))] = rng.randrange(256)
-    return bytes(changed)
+    return flip(data, rng, 3, 400)
 
 
 def change_number(data: bytes, rng: random.Random) -> bytes:
@@ -172,9 +166,6 @@ KINDS = {
     "other ending": keep,
     "whole": keep,
 }
-
-
-# === reading ===
 
 
 def read_all(tasks: list[dict[str, Any]]) -> Iterator[tuple[dict[str, Any], str]]:
@@ -281,9 +272,6 @@ def run_command(task: dict[str, Any], folder: Path) -> str:
     if process.returncode == command_line.BAD_INPUT and len(errors) == 1:
         return "refused"
     return f"command: code {process.returncode}, {process.stderr[-300:]!r}"
-
-
-# === table ===
 
 
 def report(

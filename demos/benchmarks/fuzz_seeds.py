@@ -95,11 +95,8 @@ def _tables(cloud: CloudArrays) -> Iterator[tuple[str, bytes]]:
     first = b"ply\nformat binary_little_endian 1.0\nelement face 2\n"
     first += b"property list uchar int vertex_index\n"
     faces = struct.pack("<B3iB4i", 3, 0, 1, 2, 4, 3, 4, 5, 6)
-    yield (
-        "faces_first.ply",
-        first + header.partition("seed\n")[2].encode() + b"end_header\n" + faces
-        + points.astype("<f4").tobytes(),
-    )  # fmt: skip
+    first += header.partition("seed\n")[2].encode() + b"end_header\n" + faces
+    yield "faces_first.ply", first + points.astype("<f4").tobytes()
     yield "lists.ply", _ply_with_lists(points)
     fields = "VERSION 0.7\nFIELDS x y z _ rgb\nSIZE 4 4 4 1 4\nTYPE F F F U U\nCOUNT 1 1 1 4 1\n"
     size = f"WIDTH {POINTS // 6}\nHEIGHT 6\nVIEWPOINT 1 2 3 1 0 0 0\nPOINTS {POINTS}\n"
@@ -110,15 +107,11 @@ def _tables(cloud: CloudArrays) -> Iterator[tuple[str, bytes]]:
     yield "binary.pcd", f"{head}DATA binary\n".encode() + records.tobytes()
     flat = records.T.tobytes()
     lzf = _pack_lzf(flat)
-    yield (
-        "packed.pcd",
-        f"{head}DATA binary_compressed\n".encode() + struct.pack("<II", len(lzf), len(flat)) + lzf,
-    )
+    sizes = struct.pack("<II", len(lzf), len(flat))
+    yield "packed.pcd", f"{head}DATA binary_compressed\n".encode() + sizes + lzf
     zeros = np.zeros((POINTS, 4))
-    yield (
-        "ascii.pcd",
-        (head + "DATA ascii\n" + _rows(points, zeros, packed[:, np.newaxis], fmt="%.10g")).encode(),
-    )
+    rows = _rows(points, zeros, packed[:, np.newaxis], fmt="%.10g")
+    yield "ascii.pcd", f"{head}DATA ascii\n{rows}".encode()
     yield "ours.npz", _written(writers.write_cloud_npz, cloud)
     stream = io.BytesIO()
     np.savez_compressed(stream, points=points, normals=cloud.normals, label=np.arange(POINTS))
