@@ -15,6 +15,7 @@ void bind_geometry(nb::module_& m) {
       .def("query",
            [](const KdTree& t, Points x, int64_t k, double max_distance, int threads) {
              const size_t n = x.shape(0);
+             expect(k > 0 && k < kMostNeighbors, kNeighborsWanted);
              std::vector<double> dist(n * k, std::numeric_limits<double>::infinity());
              std::vector<int64_t> index(n * k, t.size());
              {
@@ -34,6 +35,7 @@ void bind_geometry(nb::module_& m) {
       .def("crowded",
            [](const KdTree& t, Points x, int64_t k, Doubles distance, int threads) {
              const size_t n = x.shape(0);
+             expect(distance.shape(0) == n, "distance: expected one for each row of x");
              std::vector<uint8_t> result(n);
              {
                nb::gil_scoped_release release;

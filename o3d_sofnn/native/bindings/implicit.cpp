@@ -13,6 +13,12 @@ void bind_implicit(nb::module_& m) {
   m.def("reconstruct_units",
         [](const KdTree& t, Points p, Points normals, const RuleView& rules, Ints neighbors, Ints own, Doubles tolerance, int threads) {
           const size_t n = rules.rules.size();
+          expect((int64_t)p.shape(0) == t.size() && normals.shape(0) == p.shape(0), "points, normals: expected those of the tree");
+          expect(neighbors.shape(0) == n && own.shape(0) == n && tolerance.shape(0) == n,
+                 "n_neighbors, n_own, tolerance: expected one for each rule");
+          for (size_t i = 0; i < n; ++i)
+            expect(own.data()[i] > 0 && own.data()[i] <= neighbors.data()[i] && neighbors.data()[i] < kMostNeighbors / kBoundCount,
+                   "n_own: expected 1 to n_neighbors");
           std::vector<double> rbf(n * kTerms * 4, 0.0), error(n), worst(3 * n);
           std::vector<int64_t> terms(n);
           {
@@ -41,7 +47,10 @@ void bind_implicit(nb::module_& m) {
 
   m.def("evaluate_field",
         [](const RuleView& rules, Terms rbf, Ints terms, Points x, int64_t k, int threads) {
-          const size_t n = x.shape(0);
+          const size_t n = x.shape(0), count = rules.rules.size();
+          expect(rbf.shape(0) == count && terms.shape(0) == count && all_below(terms.data(), count, rbf.shape(1) + 1),
+                 "terms: expected at most as many as rbf has, for each rule");
+          expect(k > 0 && k < kMostNeighbors, kNeighborsWanted);
           std::vector<double> value(n);
           {
             nb::gil_scoped_release release;

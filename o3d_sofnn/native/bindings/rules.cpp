@@ -20,8 +20,11 @@ void bind_rules(nb::module_& m) {
            [](RuleView* v, Points centers, Frames frames, Coefficients coef, Doubles radius, Doubles stretch, Doubles tolerance, Doubles quality,
               std::optional<Gates> gates, std::optional<Neurons> neurons, int threads) {
              const size_t n = centers.shape(0), m = neurons ? neurons->shape(0) : 0;
-             if (m > kNeurons || (gates ? gates->shape(1) : 0) != m || (gates && gates->shape(0) != n))
-               throw nb::value_error("gates and neurons: expected the same number of neurons, at most 8, or neither");
+             expect(m <= kNeurons && (gates ? gates->shape(1) : 0) == m && (!gates || gates->shape(0) == n),
+                    "gates and neurons: expected the same number of neurons, at most 8, or neither");
+             expect(frames.shape(0) == n && coef.shape(0) == n && radius.shape(0) == n && stretch.shape(0) == n &&
+                        tolerance.shape(0) == n && quality.shape(0) == n,
+                    "frames, coefficients, radius, stretch, tolerance, quality: expected one row for each centre");
              new (v) RuleView(centers.data(), frames.data(), coef.data(), radius.data(), stretch.data(), tolerance.data(), quality.data(),
                               gates ? gates->data() : nullptr, neurons ? neurons->data() : nullptr, m, n, threads);
            },
@@ -30,6 +33,8 @@ void bind_rules(nb::module_& m) {
   m.def("infer_normals",
         [](const RuleView& rules, Points x, std::optional<Points> sides, int64_t k, int threads) {
           const size_t n = x.shape(0);
+          expect(!sides || sides->shape(0) == n, "sides: expected one for each row of x");
+          expect(k > 0 && k < kMostNeighbors, kNeighborsWanted);
           std::vector<double> normal(3 * n), agreement(n), residual(n);
           {
             nb::gil_scoped_release release;
@@ -49,6 +54,7 @@ void bind_rules(nb::module_& m) {
   m.def("consequent_errors",
         [](const RuleView& rules, Points x, int64_t k, int threads) {
           const size_t n = x.shape(0), count = rules.rules.size();
+          expect(k > 0 && k < kMostNeighbors, kNeighborsWanted);
           std::vector<double> error(count, 0.0), share(count, 0.0);
           {
             nb::gil_scoped_release release;

@@ -14,6 +14,8 @@ void bind_sampling(nb::module_& m) {
   m.def("fit_scales",
         [](const KdTree& t, Points p, Points centers, Ints scales, int threads) {
           const size_t n = centers.shape(0), ns = scales.shape(0);
+          expect((int64_t)p.shape(0) == t.size(), "points: expected those of the tree");
+          expect(ascending(scales, 1, kMostNeighbors, 0), "scales: expected ascending numbers from 1");
           std::vector<double> normal(n * ns * 3), residual(n * ns), radius(n * ns), variation(n * ns);
           {
             nb::gil_scoped_release release;
@@ -35,7 +37,12 @@ void bind_sampling(nb::module_& m) {
   m.def("fit_quadrics",
         [](const KdTree& t, Points p, Points centers, Ints neighbors, Doubles robust, int iterations,
            std::optional<Points> normals, std::optional<Points> sides, std::optional<Points> across, Doubles stretch, int threads) {
-          const size_t n = centers.shape(0);
+          const size_t n = centers.shape(0), np = t.size();
+          expect(p.shape(0) == np && (!normals || normals->shape(0) == np), "points, normals: expected those of the tree");
+          expect(neighbors.shape(0) == n && robust.shape(0) == n && stretch.shape(0) == n && (!sides || sides->shape(0) == n) &&
+                     (!across || across->shape(0) == n) && !(normals && !sides) && !(across && !sides),
+                 "n_neighbors, robust, sides, across, stretch: expected one row for each centre");
+          expect(all_below(neighbors.data(), n, kMostNeighbors), "n_neighbors: expected 0 to 2**31 - 1");
           std::vector<double> frame(9 * n), coefficients(6 * n), residual(n), radius(n), support(n);
           {
             nb::gil_scoped_release release;
@@ -61,7 +68,12 @@ void bind_sampling(nb::module_& m) {
 
   m.def("typical_data",
         [](Points p, Ints offsets, Ints clusters, int iterations, double tolerance, int threads) {
+          expect(ascending(offsets, 0, p.shape(0), 1), "offsets: expected ascending rows of points");
           const size_t cells = offsets.shape(0) - 1;
+          expect(clusters.shape(0) == cells, "n_clusters: expected one for each cell");
+          for (size_t i = 0; i < cells; ++i)
+            expect(clusters.data()[i] > 0 && clusters.data()[i] <= offsets.data()[i + 1] - offsets.data()[i],
+                   "n_clusters: expected 1 to the number of points of the cell");
           std::vector<int64_t> first(cells + 1, 0);
           for (size_t i = 0; i < cells; ++i) first[i + 1] = first[i] + clusters.data()[i];
           std::vector<double> centers(3 * first[cells]);
@@ -80,6 +92,9 @@ void bind_sampling(nb::module_& m) {
 
   m.def("divide_cells",
         [](Points normals, Ints first, int threads) {
+          expect(ascending(first, 0, normals.shape(0), 1) && first.data()[0] == 0 &&
+                     first.data()[first.shape(0) - 1] == (int64_t)normals.shape(0),
+                 "first: expected ascending rows, 0 and the number of normals at the ends");
           const size_t cells = first.shape(0) - 1;
           std::vector<int64_t> order(normals.shape(0)), size(cells);
           {

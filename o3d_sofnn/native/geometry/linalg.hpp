@@ -2,6 +2,7 @@
 // Small dense linear algebra: 3-vectors, symmetric 3x3 eigenvectors, Cholesky.
 #pragma once
 #include <cmath>
+#include <utility>
 
 namespace sofnn {
 
@@ -18,7 +19,7 @@ inline Vec3 cross(Vec3 a, Vec3 b) {
 inline double norm(Vec3 a) { return std::sqrt(dot(a, a)); }
 inline Vec3 unit(Vec3 a) {
   const double n = norm(a);
-  return n > 0 ? (1 / n) * a : Vec3{0, 0, 1};
+  return n > 0 && n < 1e300 ? (1 / n) * a : Vec3{0, 0, 1};
 }
 inline Vec3 load(const double* p) { return {p[0], p[1], p[2]}; }
 inline void store(double* p, Vec3 a) { p[0] = a.x, p[1] = a.y, p[2] = a.z; }
@@ -32,9 +33,20 @@ inline Frame frame_of(Vec3 n) {
   return {{1 + s * n.x * n.x * a, s * b, -s * n.x}, {b, s + n.y * n.y * a, -n.y}, n};
 }
 
-// The frame whose first tangent is nearest to a direction, which must not be that of the normal.
+// Part of a vector across another one, over its length, below which rounding decides where that part points.
+constexpr double kParallel = 1e-6;
+
+// Unit vector across a unit vector and another one: any across the former where the latter is parallel.
+inline Vec3 across_both(Vec3 n, Vec3 other) {
+  const Vec3 both = cross(other, n);
+  return norm(both) > kParallel * norm(other) ? unit(both) : frame_of(n).t1;
+}
+
+// The frame whose first tangent is nearest to a direction: any frame where that is the direction of the normal.
 inline Frame frame_along(Vec3 n, Vec3 direction) {
-  const Vec3 t1 = unit(direction - dot(direction, n) * n);
+  const Vec3 rest = direction - dot(direction, n) * n;
+  if (!(norm(rest) > kParallel * norm(direction))) return frame_of(n);
+  const Vec3 t1 = unit(rest);
   return {t1, cross(n, t1), n};
 }
 

@@ -33,11 +33,15 @@ inline std::vector<MortonEntry> sort_morton(const double* p, int64_t n, int thre
       high[d] = i == 0 ? p[d] : std::max(high[d], p[3 * i + d]);
     }
   const double extent = std::max({high[0] - low[0], high[1] - low[1], high[2] - low[2]});
-  const double scale = extent > 0 ? ((1 << kMortonBits) - 1) / extent : 0;
+  constexpr double kMost = (1 << kMortonBits) - 1;
+  const double scale = extent > 0 ? kMost / extent : 0;
   parallel_for(n, 4096, threads, [&](int64_t lo, int64_t hi) {
     for (int64_t i = lo; i < hi; ++i) {
       uint64_t key = 0;
-      for (int d = 0; d < 3; ++d) key |= spread_bits(static_cast<uint64_t>((p[3 * i + d] - low[d]) * scale)) << d;
+      for (int d = 0; d < 3; ++d) {
+        const double place = (p[3 * i + d] - low[d]) * scale;
+        key |= spread_bits(place < kMost ? static_cast<uint64_t>(place) : static_cast<uint64_t>(kMost)) << d;
+      }
       entries[i] = {key, i};
     }
   });

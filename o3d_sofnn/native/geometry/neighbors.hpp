@@ -28,11 +28,14 @@ inline Neighbor select_nearest(Neighbor* a, int64_t m, int64_t k, std::vector<Ne
     return a[k - 1];
   }
   const double scale = (kBins - 1) / largest;
-  const auto bin = [&](const Neighbor& e) { return static_cast<int32_t>(e.sq_dist * scale); };
+  const auto bin = [&](const Neighbor& e) {
+    const double place = e.sq_dist * scale;
+    return place < kBins - 1 ? static_cast<int32_t>(place) : kBins - 1;  // that of what is no number, too
+  };
   int32_t count[kBins] = {};
   for (int64_t i = 0; i < m; ++i) ++count[bin(a[i])];
   int32_t last = 0;
-  for (int64_t below = count[0]; below < k; below += count[last]) ++last;
+  for (int64_t below = count[0]; below < k && last < kBins - 1; below += count[last]) ++last;
   if (static_cast<int64_t>(tied.size()) <= m) tied.resize(2 * m);
   int64_t front = 0, ties = 0;
   for (int64_t i = 0; i < m; ++i) {

@@ -1,11 +1,15 @@
 // SPDX-License-Identifier: MIT
-// Fixed chunks handed to threads: what is computed for an index never depends on the number of threads.
+// Fixed chunks handed to threads: what is computed for an index never depends on the number of threads. Where the
+// system starts fewer of them, these do all of the work, the calling thread alone at last. What a chunk throws is
+// thrown in the calling thread, when all threads have ended.
 #pragma once
 #include <algorithm>
 #include <atomic>
 #include <cstdint>
 #include <exception>
+#include <new>
 #include <mutex>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -32,7 +36,12 @@ void parallel_for(int64_t n, int64_t chunk, int threads, const Body& body) {
     }
   };
   std::vector<std::thread> pool;
-  for (int t = 1; t < threads; ++t) pool.emplace_back(work);
+  pool.reserve(threads - 1);
+  try {
+    for (int t = 1; t < threads; ++t) pool.emplace_back(work);
+  } catch (const std::system_error&) {  // no more threads, or no memory for one
+  } catch (const std::bad_alloc&) {
+  }
   work();
   for (auto& thread : pool) thread.join();
   if (error) std::rethrow_exception(error);

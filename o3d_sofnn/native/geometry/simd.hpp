@@ -52,23 +52,26 @@ SOFNN_EXACT SOFNN_CLONES inline void squared_distances(const double* SOFNN_RESTR
   }
 }
 
-// exp(x) for x <= 0 to 13 digits, without branches and calls: 2^n times a polynomial on [-ln(2) / 2, ln(2) / 2].
+// exp(x) for x <= 0 to 13 digits, without branches and calls: 2^n times a polynomial on [-ln(2) / 2, ln(2) / 2]. What
+// is above 0 counts as 0, what is below -700 or no number as that.
 SOFNN_INLINE double exp_negative(double x) {
-  x = x < -700.0 ? -700.0 : x;
+  x = x > -700.0 ? x : -700.0;
+  x = x < 0.0 ? x : 0.0;
   const int32_t n = static_cast<int32_t>(x * 1.4426950408889634 - 0.5);
   const double r = x - n * 0.6931471805599453;
   double p = 1.0 / 3628800;
   p = p * r + 1.0 / 362880, p = p * r + 1.0 / 40320, p = p * r + 1.0 / 5040, p = p * r + 1.0 / 720;
   p = p * r + 1.0 / 120, p = p * r + 1.0 / 24, p = p * r + 1.0 / 6, p = p * r + 0.5, p = p * r + 1, p = p * r + 1;
-  const int64_t bits = (static_cast<int64_t>(n) + 1023) << 52;
+  const uint64_t bits = static_cast<uint64_t>(static_cast<int64_t>(n) + 1023) << 52;
   double power;
   std::memcpy(&power, &bits, sizeof power);
   return p * power;
 }
 
 // 1 / sqrt(t) for t >= 1 to all but the last bits, without division: a guess from the exponent and Newton steps, all
-// but the last in single precision.
+// but the last in single precision, which ends at 1e38: so does t.
 SOFNN_INLINE double inverse_sqrt(double t) {
+  t = t < 1e38 ? t : 1e38;
   const float single = static_cast<float>(t), half = 0.5f * single;
   int32_t bits;
   std::memcpy(&bits, &single, sizeof bits);

@@ -123,11 +123,15 @@ SOFNN_CLONES inline void evaluate_implicit(const Run& run, const Rule& rule, con
 }
 
 // Blend of the rules on the face of the leading one, eq. (9), at the places of a run; more: whether there are others.
+// The leading rule is on its own face, though the frame of a given rule need not be orthonormal.
 SOFNN_CLONES inline void blend_first_face(const FieldRule* SOFNN_RESTRICT rules, const double* SOFNN_RESTRICT same,
                                           int64_t m, double* SOFNN_RESTRICT value, double* SOFNN_RESTRICT more) {
-  double best[kLanes], nx[kLanes], ny[kLanes], nz[kLanes], least[kLanes], sum[kLanes], total[kLanes];
+  double best[kLanes], height[kLanes], nx[kLanes], ny[kLanes], nz[kLanes], least[kLanes], sum[kLanes], total[kLanes];
   SOFNN_LANES
-  for (int l = 0; l < kLanes; ++l) best[l] = 2 * kOut, nx[l] = ny[l] = nz[l] = least[l] = sum[l] = total[l] = more[l] = 0;
+  for (int l = 0; l < kLanes; ++l) {
+    best[l] = 2 * kOut;
+    height[l] = nx[l] = ny[l] = nz[l] = least[l] = sum[l] = total[l] = more[l] = 0;
+  }
   for (int64_t i = 0; i < m; ++i) {
     const FieldRule& r = rules[i];
     const double limit = same[i];
@@ -135,6 +139,7 @@ SOFNN_CLONES inline void blend_first_face(const FieldRule* SOFNN_RESTRICT rules,
     for (int l = 0; l < kLanes; ++l) {
       const bool better = r.weight[l] > best[l];
       best[l] = better ? r.weight[l] : best[l], least[l] = better ? limit : least[l];
+      height[l] = better ? r.height[l] : height[l];
       nx[l] = better ? r.nx[l] : nx[l], ny[l] = better ? r.ny[l] : ny[l], nz[l] = better ? r.nz[l] : nz[l];
     }
   }
@@ -149,13 +154,14 @@ SOFNN_CLONES inline void blend_first_face(const FieldRule* SOFNN_RESTRICT rules,
     }
   }
   SOFNN_LANES
-  for (int l = 0; l < kLanes; ++l) value[l] = sum[l] / total[l];
+  for (int l = 0; l < kLanes; ++l) value[l] = total[l] > 0 ? sum[l] / total[l] : height[l];
 }
 
 // The rules near a place are gathered into at most three faces by their normals; each face blends its local implicits
 // by fuzzy basis functions, eq. (9), and faces combine as solids (Ohtake et al. 2003, sharp features).
 inline double combine_faces(Faces& s) {
   const int64_t n = s.rule.size();
+  if (n == 0) return 0;
   s.face.assign(n, -1), s.share.resize(n);
   const double nearest = *std::max_element(s.reach.begin(), s.reach.end());
   double height[kFaces] = {};
@@ -170,7 +176,8 @@ inline double combine_faces(Faces& s) {
     double sum = 0, total = 0, top = -1e300;
     const double same = same_face(s.rule[best]->tolerance / s.rule[best]->radius);
     for (int64_t i = 0; i < n; ++i)
-      if (s.face[i] < 0 && dot(s.normal[i], s.normal[best]) >= same) s.face[i] = count, top = std::max(top, s.log_weight[i]);
+      if (s.face[i] < 0 && (i == best || dot(s.normal[i], s.normal[best]) >= same))
+        s.face[i] = count, top = std::max(top, s.log_weight[i]);
     for (int64_t i = 0; i < n; ++i)
       if (s.face[i] == count) {
         const double w = std::exp(s.log_weight[i] - top);

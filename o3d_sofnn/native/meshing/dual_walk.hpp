@@ -11,6 +11,18 @@ namespace sofnn {
 
 class DualWalk {
  public:
+  // Whether the cells of all points, and those that the walk may reach around them, have numbers that fit a key.
+  static bool holds(const double* points, int64_t n, const double* origin, double size, int top) {
+    const double first = 2.0 * static_cast<double>(int64_t{1} << top);
+    const double last = static_cast<double>(int64_t{1} << (kBits - 1)) - first;
+    bool all = size > 0;
+    for (int64_t i = 0; i < 3 * n; ++i) {
+      const double cell = (points[i] - origin[i % 3]) / size;
+      all &= cell >= first && cell < last;
+    }
+    return all;
+  }
+
   DualWalk(const double* points, int64_t n, const double* origin, double size, const int64_t* levels, int top, int threads)
       : refined_(top + 1) {
     std::vector<int64_t> cells(n), cubes(n);
@@ -45,6 +57,7 @@ class DualWalk {
     return {leaves_.begin() + inside_.size(), leaves_.end()};
   }
 
+  size_t n_known() const { return inside_.size(); }
   const std::vector<int64_t>& leaves() const { return leaves_; }
   // Corners of the cubes with a change of sign, 8 each; afterwards the walk has forgotten them.
   std::vector<int32_t> take_crossed() { return std::move(crossed_); }
@@ -58,7 +71,9 @@ class DualWalk {
   std::vector<int32_t> corners_, crossed_;  // leaves, 8 a cube
   std::vector<uint8_t> inside_;
 
-  static int64_t pack(int64_t x, int64_t y, int64_t z) { return x + (y << kBits) + (z << 2 * kBits); }
+  static int64_t pack(int64_t x, int64_t y, int64_t z) {  // also of steps, which may be negative
+    return x + y * (int64_t{1} << kBits) + z * (int64_t{1} << 2 * kBits);
+  }
 
   static int64_t halve(int64_t key, int times) {
     const int64_t field = kField >> times;

@@ -12,9 +12,8 @@ namespace sofnn {
 
 // Two half-edges for each handle of a closed mesh, from trees of fewest edges: those that close the shortest loops
 // through the first vertex of a piece, so that they lie beside their handles.
-inline std::vector<int32_t> handle_edges(const MeshView& mesh) {
+inline std::vector<int32_t> handle_edges(const MeshView& mesh, const HalfEdges& half) {
   const int32_t *corners = mesh.triangles, n = static_cast<int32_t>(3 * mesh.n_triangles);
-  const HalfEdges half(corners, n, mesh.n_vertices);
   std::vector<int32_t> depth(mesh.n_vertices, -1), queue;
   std::vector<uint8_t> in_tree(n, 0);
   for (int64_t first = 0; first < mesh.n_vertices; ++first) {
@@ -77,7 +76,7 @@ class Patch {
         other = own;
       }
       const int32_t a = node[h], b = node[following(h)];
-      edges_.push_back({a, b, h / 3, other, global(h), norm(place(a) - place(b))});
+      edges_.push_back({a, b, h / 3, other, global(h), length(a, b)});
     }
     has_handle_ = static_cast<int64_t>(name_.size() + n_sides_) - static_cast<int64_t>(edges_.size()) < 2;
     if (!has_handle_) return;
@@ -104,7 +103,7 @@ class Patch {
         double length = 0;
         for (size_t i = 0; i < loop.size(); ++i) {
           const int32_t next = loop[(i + 1) % loop.size()];
-          length += norm(place(loop[i]) - place(next));
+          length += this->length(loop[i], next);
           names.push_back(name_[loop[i]]), halves.push_back(half_edge(loop[i], next));
         }
         std::sort(names.begin(), names.end());
@@ -133,7 +132,11 @@ class Patch {
   std::vector<double> distance_;
   std::vector<int32_t> way_;  // edge that leads to each node
 
-  Vec3 place(int32_t node) const { return surface_.vertex(name_[node]); }
+  // Finite whatever the places are: every node of the patch is reached by some path.
+  double length(int32_t a, int32_t b) const {
+    constexpr double kLongest = 1e100;
+    return std::min(kLongest, norm(surface_.vertex(name_[a]) - surface_.vertex(name_[b])));
+  }
 
   int32_t before(int32_t node) const {
     const Edge& e = edges_[way_[node]];

@@ -80,7 +80,8 @@ class MarchingCubes {
 
   Vec3 crossing(int64_t key) const {
     const int64_t a = key / n_, b = key % n_;
-    const double t = std::min(std::max(values_[a] / (values_[a] - values_[b]), nudge_), 1 - nudge_);
+    // In this order what is no number becomes the nudge.
+    const double t = std::min(1 - nudge_, std::max(nudge_, values_[a] / (values_[a] - values_[b])));
     const Vec3 start = load(nodes_ + 3 * a);
     return start + t * (load(nodes_ + 3 * b) - start);
   }

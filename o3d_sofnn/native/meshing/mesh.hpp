@@ -109,6 +109,7 @@ inline std::vector<double> undo_turns(const MeshView& before, const double* afte
   std::vector<Vec3> facing(before.n_triangles);
   for (int64_t i = 0; i < before.n_triangles; ++i)
     facing[i] = unit(area_vector(before.vertices, before.triangles + 3 * i));
+  std::vector<uint8_t> at_new_place(before.n_vertices, 1);
   std::vector<int32_t> turned;
   do {
     turned.clear();
@@ -117,11 +118,10 @@ inline std::vector<double> undo_turns(const MeshView& before, const double* afte
       const Vec3 now = area_vector(moved.data(), t);
       if (dot(facing[i], unit(now)) >= cosine) continue;
       bool stays = true;
-      for (int k = 0; k < 3; ++k)
-        for (int d = 0; d < 3; ++d) stays &= moved[3 * t[k] + d] == before.vertices[3 * t[k] + d];
+      for (int k = 0; k < 3; ++k) stays &= !at_new_place[t[k]];
       if (!stays) turned.insert(turned.end(), t, t + 3);
     }
-    for (const int32_t v : turned) std::copy_n(before.vertices + 3 * v, 3, &moved[3 * v]);
+    for (const int32_t v : turned) std::copy_n(before.vertices + 3 * int64_t{v}, 3, &moved[3 * int64_t{v}]), at_new_place[v] = 0;
   } while (!turned.empty());
   return moved;
 }

@@ -21,7 +21,7 @@ enum class Sum { winding, gradient, adjoint };  // gradient: with the winding nu
 // Places in runs of consecutive ones, and for each run what is summed there: it depends on positions alone, and
 // finding it costs more than a sum.
 struct WindingLists {
-  int64_t size = 0;
+  int64_t size = 0, tree_size = 0;
   std::vector<Run3> runs;
   std::vector<RunSources> sources;  // of each run
 };
@@ -37,6 +37,12 @@ class WindingTree {
     for (int level = 0; level < depth_; ++level) each_node(level, threads, [&](int64_t i) { split(points, level, i); });
     place_.resize(3 * (nodes_ + n)), radius_.resize(nodes_);
     std::vector<double> weight(n);
+    double sq_size = 0;
+    for (int64_t i = 0; i < n; ++i) {
+      const Vec3 p = load(points + 3 * i) - origin_;
+      sq_size = std::max(sq_size, dot(p, p));
+    }
+    least_width_ = std::max(kResolution * single(std::sqrt(sq_size)), least_width_);
     parallel_for(n, kChunk, threads, [&](int64_t first, int64_t last) {
       for (int64_t i = first; i < last; ++i) {
         set_place(nodes_ + i, load(points + 3 * index_[i]) - origin_);
@@ -67,7 +73,7 @@ class WindingTree {
   // What is summed at m places; a node that looks smaller than theta from a whole run is summed by its moments.
   WindingLists lists(const double* places, int64_t m, double theta, int threads) const {
     WindingLists lists;
-    lists.size = m, lists.runs.resize((m + kRun - 1) / kRun), lists.sources.resize(lists.runs.size());
+    lists.size = m, lists.tree_size = n_, lists.runs.resize((m + kRun - 1) / kRun), lists.sources.resize(lists.runs.size());
     parallel_for(static_cast<int64_t>(lists.runs.size()), kRuns, threads, [&](int64_t first, int64_t last) {
       for (int64_t r = first; r < last; ++r) {
         lists.runs[r] = load_run(places, kRun * r, m);
@@ -110,6 +116,10 @@ class WindingTree {
   Vec3 origin_{0, 0, 0};
   std::vector<int64_t> index_;
   std::vector<float> place_, radius_;  // places: nodes first, level by level, then points
+  // Places are single precision: over the size of the tree they are known to so much, and a smaller smoothing width
+  // says nothing but lets the inverse powers of distances overflow.
+  static constexpr float kResolution = 1.0f / (1 << 26);
+  float least_width_ = 1e-15f;
 
   template <class Body>
   void each_node(int level, int threads, const Body& body) {
@@ -124,9 +134,11 @@ class WindingTree {
   Vec3 place(int64_t i) const { return {place_[3 * i], place_[3 * i + 1], place_[3 * i + 2]}; }
 
   void set_place(int64_t i, const Vec3& p) {
-    place_[3 * i] = static_cast<float>(p.x), place_[3 * i + 1] = static_cast<float>(p.y);
-    place_[3 * i + 2] = static_cast<float>(p.z);
+    place_[3 * i] = single(p.x), place_[3 * i + 1] = single(p.y), place_[3 * i + 2] = single(p.z);
   }
+
+  // Single precision that holds the square of a number, too.
+  static float single(double x) { return static_cast<float>(std::min(std::max(x, -1e18), 1e18)); }
 
   void split(const double* p, int level, int64_t i) {
     const int64_t lo = bound(i, level), hi = bound(i + 1, level), mid = bound(2 * i + 1, level + 1);
@@ -170,7 +182,7 @@ class WindingTree {
       for (int64_t leaf = first; leaf < last; ++leaf)
         for (int64_t j = bound(leaf, depth_); j < bound(leaf + 1, depth_); ++j) {
           float* part = &sums.points[kColumns * j];
-          for (int d = 0; d < kColumns; ++d) part[d] = static_cast<float>(source[kColumns * index_[j] + d]);
+          for (int d = 0; d < kColumns; ++d) part[d] = single(source[kColumns * index_[j] + d]);
           add(first_leaf + leaf, place(nodes_ + j) - place(first_leaf + leaf), part);
         }
     });
@@ -194,7 +206,7 @@ class WindingTree {
     Run3 run;
     for (int64_t l = 0; l < kRun; ++l) {
       const Vec3 p = load(places + 3 * std::min(first + l, m - 1)) - origin_;
-      run.x.v[l] = static_cast<float>(p.x), run.y.v[l] = static_cast<float>(p.y), run.z.v[l] = static_cast<float>(p.z);
+      run.x.v[l] = single(p.x), run.y.v[l] = single(p.y), run.z.v[l] = single(p.z);
     }
     return run;
   }
@@ -235,8 +247,8 @@ class WindingTree {
     constexpr float kInverse4Pi = 0.07957747154594767f;
     RunValues sq_width;
     for (int64_t l = 0; l < kRun; ++l) {
-      const float w = static_cast<float>(width[std::min(first + l, m - 1)]);
-      sq_width.v[l] = std::max(w * w, 1e-30f);
+      const float w = single(width[std::min(first + l, m - 1)]);
+      sq_width.v[l] = std::max(w * w, least_width_ * least_width_);
     }
     RunSums sums{};
     const auto sum = what == Sum::winding ? sum_winding : what == Sum::gradient ? sum_gradient : sum_adjoint;

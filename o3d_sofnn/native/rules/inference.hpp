@@ -52,7 +52,10 @@ SOFNN_CLONES inline void find_limits(const Lanes* SOFNN_RESTRICT sq, int64_t m, 
       }
     }
   }
-  *limit = nearest[k - 1];
+  if (k > 0)
+    *limit = nearest[k - 1];
+  else
+    limit->fill(kOut);
 }
 
 // Logarithm of the trust in one rule at the places of a run, eq. (7) and (9): the off-line rules with linear consequents.

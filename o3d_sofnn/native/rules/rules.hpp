@@ -23,6 +23,10 @@ struct Gate {
 // clean data the membership in the residual is, over the radius: the less the residual tells, the more the side decides.
 constexpr double kConcentration = 25, kCleanTolerance = 0.02;
 
+// Radius of a rule over the size of the rule base, and tolerance over radius, below which differences of coordinates
+// are rounding: as small as that counts as that, so that no power of their inverses overflows.
+constexpr double kLeast = 1e-15;
+
 struct Rule {
   Vec3 center;
   Frame frame;
@@ -48,15 +52,19 @@ struct RuleView {
       std::copy(p + 3, p + 6, neurons[j].inverse_width);
       std::copy(p + 6, p + 9, neurons[j].slope);
     }
+    double size = 0;
+    for (int64_t i = 0; i < n; ++i) size = std::max(size, norm(load(centers + 3 * i) - load(centers)));
+    const double least = std::max(kLeast * size, 1e-100);
     for (int64_t i = 0; i < n; ++i) {
       const double *f = frames + 9 * i, *q = coefficients + 6 * i;
       Rule& r = rules[i];
       r.center = load(centers + 3 * i);
       r.frame = {load(f), load(f + 3), load(f + 6)};
       std::copy(q, q + 6, r.coefficients);
-      r.radius = radius[i], r.stretch = stretch[i], r.tolerance = tolerance[i], r.quality = quality[i];
+      r.radius = std::max(radius[i], least), r.stretch = std::max(stretch[i], 1.0);
+      r.tolerance = std::max(tolerance[i], kLeast * r.radius), r.quality = quality[i];
       r.log_quality = std::log(std::max(quality[i], 1e-300));
-      r.concentration = kConcentration * std::max(tolerance[i] / radius[i] - kCleanTolerance, 0.0);
+      r.concentration = kConcentration * std::max(r.tolerance / r.radius - kCleanTolerance, 0.0);
       for (int j = 0; j < m; ++j) r.gates[j] = {gates[2 * (m * i + j)], gates[2 * (m * i + j) + 1]};
     }
   }

@@ -195,7 +195,7 @@ inline LocalFit fit_quadric(int64_t k, double sq_radius, const Ellipse& ellipse,
   for (int pass = 0; pass <= iterations; ++pass) {
     QuadricSums sums;
     sum_quadric(s.u.data(), s.v.data(), height, weight, k, &sums);
-    if (!factor_quadric(sums, factor)) break;
+    if (!(sums.moments[0] > 0) || !factor_quadric(sums, factor)) break;  // no point has a weight
     cholesky_solve(factor, 6, 6, sums.right);
     std::copy(sums.right, sums.right + 6, fit.coefficients);
     const double sq = sum_residuals(s.u.data(), s.v.data(), height, weight, k, fit.coefficients, s.residual.data());
@@ -242,10 +242,11 @@ struct FitRequest {
 };
 
 inline LocalFit fit_around(const FitData& data, const FitRequest& wanted, FitScratch& s) {
+  constexpr double kWidest = 1e6;  // a number of neighbours that still is one
   Ellipse ellipse;
   if (wanted.across) {
-    ellipse.stretch = wanted.stretch, ellipse.across = load(wanted.across);
-    ellipse.along = unit(cross(load(wanted.side), ellipse.across));
+    ellipse.stretch = std::min(std::max(wanted.stretch, 1.0), kWidest), ellipse.across = load(wanted.across);
+    ellipse.along = across_both(ellipse.across, load(wanted.side));
   }
   const auto k = static_cast<int64_t>(std::lround(wanted.neighbors * ellipse.stretch));
   data.tree.nearest(wanted.center, k, 1e300, s.neighbors);

@@ -49,6 +49,7 @@ def evaluate_field(rules: Rules, rbf: Array, terms: NDArray[np.int64], x: Array,
         Signed distance, negative inside, in the unit of the points.
     """
     values = np.zeros(len(x))
+    rules = rules.bounded()
     nearest = query(rules.centers, x, min(k, len(rules.centers)), np.inf)[1]
     for row, index in enumerate(nearest):
         local = rules.rows(index)
@@ -75,6 +76,7 @@ def _combine(
             break
         best = int(np.where(eligible, membership, -np.inf).argmax())
         face = free & (rule.normal @ rule.normal[best] >= same[best])
+        face[best] = True  # the frame of a given rule need not be orthonormal
         weight = np.exp(membership[face] - membership[face].max())
         heights.append(float(weight @ rule.residual[face] / weight.sum()))  # Eq. (7) and (9)
         faces.append(face)

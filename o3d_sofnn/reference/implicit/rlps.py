@@ -81,6 +81,7 @@ def reconstruct_units(
     worst : (r, 3) float64
         Point that has it; the centre where there is none.
     """
+    rules = rules.bounded()
     centers, frames, coefficients, radius, *_ = rules
     n = len(centers)
     rbf, terms = np.zeros((n, CENTERS + 1, 4)), np.zeros(n, np.int64)

@@ -78,7 +78,8 @@ def _crossings(
 ) -> NDArray[np.float64]:
     start, end = np.divmod(keys, len(values))
     fall = values[start] - values[end]
-    t = np.clip(values[start] / np.where(fall == 0.0, 1.0, fall), nudge, 1.0 - nudge)[:, None]
+    t = values[start] / np.where(fall == 0.0, 1.0, fall)
+    t = np.minimum(1.0 - nudge, np.fmax(nudge, t))[:, None]  # what is no number becomes the nudge
     return np.asarray(nodes[start] + t * (nodes[end] - nodes[start]))
 
 

@@ -7,6 +7,10 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+RESOLUTION = 2.0**-26
+"""Least smoothing width, over the largest distance of a source from the mean of all: places are
+single precision there, and inverse powers of less overflow."""
+
 
 def evaluate_winding(
     points: Array, mu: Array | None, charge: Array | None, x: Array, width: Array
@@ -44,6 +48,8 @@ def evaluate_winding(
     adjoint : (m, 3) float64
         The transposed operator of `winding`, for equal widths and up to its sign.
     """
+    size = np.linalg.norm(points - points.mean(axis=0), axis=1).max()
+    width = np.maximum(width, RESOLUTION * size)
     dipole = np.zeros_like(points) if mu is None else mu
     scalar = np.zeros(len(points)) if charge is None else charge
     winding = np.zeros(len(x))

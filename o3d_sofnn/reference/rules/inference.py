@@ -115,6 +115,7 @@ def infer_normals(
     """
     normals = np.zeros((len(x), 3))
     agreements, residuals = np.zeros((2, len(x)))
+    rules = rules.bounded()
     for row, place in enumerate(x):
         side = np.zeros(3) if sides is None else sides[row]
         _, share, rule = _blend(rules, place, side, k)
@@ -146,6 +147,7 @@ def consequent_errors(rules: Rules, x: Array, k: int) -> tuple[Array, Array]:
         Sum of the basis function, eq. (9).
     """
     error, total = np.zeros(len(rules.centers)), np.zeros(len(rules.centers))
+    rules = rules.bounded()
     for place in x:
         near, share, rule = _blend(rules, place, np.zeros(3), k)
         error[near] += share * (share @ rule.residual)  # Eq. (7)

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+LEAST = 1e-15
+"""Least radius over the size of the rule base, and least tolerance over the radius."""
+
 
 class Rules(NamedTuple):
     """The arrays of a rule base, one row a rule."""
@@ -32,6 +35,16 @@ class Rules(NamedTuple):
     """Logarithm of the firing strength and consequent of each off-line neuron, (r, m, 2)."""
     neurons: Array | None = None
     """Centres, inverse widths and slopes of these by the inputs of the place, (m, 3, 3)."""
+
+    def bounded(self) -> Rules:
+        """Rules of which none is smaller than the rounding of its coordinates."""
+        size = np.linalg.norm(self.centers - self.centers[0], axis=1).max()
+        radius = np.maximum(self.radius, max(LEAST * size, 1e-100))
+        return self._replace(
+            radius=radius,
+            stretch=np.maximum(self.stretch, 1.0),
+            tolerance=np.maximum(self.tolerance, LEAST * radius),
+        )
 
     def rows(self, index: NDArray[np.int64]) -> Rules:
         """Pick the rules of these numbers."""

@@ -17,6 +17,8 @@ NOISY_NORMALS = 5.0
 """How flat the weight by angle is for small angles, over the ratio of residual width to radius."""
 RADIUS = 1.1
 """Radius of a fit over the distance of its last neighbour."""
+PARALLEL = 1e-6
+"""Part of a vector across another one, over its length, below which it is rounding."""
 RIDGE = np.array([1e-12, 1e-9, 1e-9, 1.00001e-4, 1.00001e-4, 1.00001e-4])
 """Penalty on the coefficients, over the sum of the weights: the plane stays free."""
 
@@ -156,7 +158,7 @@ def fit_quadric(
     local = (points[index[0]] - center) * (1.0 / radius if radius > 0.0 else 0.0)
     near = 1.0 - (local**2).sum(axis=1)
     if across is not None and side is not None:
-        along = np.cross(side, across) / np.linalg.norm(np.cross(side, across))
+        along = across_both(across, side)
         near -= (stretch - 1.0) * (local @ across) ** 2 + (1.0 / stretch - 1.0) * (
             local @ along
         ) ** 2
@@ -180,7 +182,7 @@ def fit_quadric(
     basis = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
     coefficients, rms, scale = np.zeros(6), 0.0, np.inf
     target = h
-    for _ in range(iterations + 1 if robust > 0.0 else 1):
+    for _ in range((iterations + 1 if robust > 0.0 else 1) if weight.any() else 0):
         w = weight * np.exp(-0.5 * ((target - basis @ coefficients) / scale) ** 2)
         sum_w, sum_w2 = max(w.sum(), 1e-300), max((w**2).sum(), 1e-300)
         normal_matrix = (w[:, None] * basis).T @ basis + np.diag(sum_w * RIDGE)
@@ -228,10 +230,24 @@ def arc_over_parabola(parabola: Array, sq_distance: Array) -> Array:
 
 
 def frame_along(normal: Array, direction: Array) -> Array:
-    """Frame of a unit normal whose first tangent is nearest to a direction, (3, 3)."""
+    """Frame of a unit normal whose first tangent is nearest to a direction, (3, 3).
+
+    Any frame of the normal where that is the direction.
+    """
     tangent = direction - (direction @ normal) * normal
+    if np.linalg.norm(tangent) <= PARALLEL * np.linalg.norm(direction):
+        return frame_of(normal)
     tangent /= np.linalg.norm(tangent)
     return np.array([tangent, np.cross(normal, tangent), normal])
+
+
+def across_both(normal: Array, other: Array) -> Array:
+    """Unit vector across a unit vector and another one, any where that is parallel, (3,)."""
+    both = np.cross(other, normal)
+    length = float(np.linalg.norm(both))
+    if length <= PARALLEL * np.linalg.norm(other):
+        return np.asarray(frame_of(normal)[0])
+    return np.asarray(both / length)
 
 
 def frame_of(normal: Array) -> Array:
