@@ -281,7 +281,8 @@ for bad in (np.nan, np.inf, -np.inf, 1e308):
             winding = _kernels.WindingTree(data, np.ones(600))
             winding.gradient(x, x, np.full(600, 0.1), 0.6, 1)
         rules = random_rules(600)
-        for odd in (rules, rules._replace(centers=x), rules._replace(coefficients=np.full((600, 6), bad))):
+        huge = np.full((600, 6), bad)
+        for odd in (rules, rules._replace(centers=x), rules._replace(coefficients=huge)):
             _kernels.infer_normals(view(odd), x, x, 12, 1)
             _kernels.evaluate_field(view(odd), *random_terms(600), x, 12, 1)
     vertices, triangles, moved = mesh(0)

@@ -242,7 +242,7 @@ def frame_along(normal: Array, direction: Array) -> Array:
 
 
 def across_both(normal: Array, other: Array) -> Array:
-    """Unit vector across a unit vector and another one, any where that is parallel, (3,)."""
+    """Find the unit vector across a unit vector and another one, any where that is parallel."""
     both = np.cross(other, normal)
     length = float(np.linalg.norm(both))
     if length <= PARALLEL * np.linalg.norm(other):
