@@ -6,6 +6,7 @@ import numpy as np
 from shapes import torus
 
 from o3d_sofnn import _kernels, reference
+from o3d_sofnn.meshing.extraction import extract
 from o3d_sofnn.reference.sampling.local_fit import frame_of
 
 MIRROR = np.array([-1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
@@ -65,3 +66,15 @@ def unit_data(points, normals, tolerance=0.002):
     rules = reference.Rules(centers, frames, coefficients, radius, *np.ones((3, n)))
     own = np.where(np.arange(n) < n // 2, 20, 40)
     return points, normals, rules, sizes, own, np.full(n, tolerance)
+
+
+def mesh(seed=0):
+    """A rough torus and random places near its vertices."""
+    points = torus(3000, seed=seed).points
+
+    def ring(x):
+        return np.hypot(np.hypot(x[:, 0], x[:, 1]) - 1.0, x[:, 2]) - 0.4, np.ones(len(x))
+
+    vertices, triangles = extract(ring, points, 0.1)
+    rng = np.random.default_rng(seed)
+    return vertices, triangles, vertices + rng.normal(0.0, 0.03, vertices.shape)

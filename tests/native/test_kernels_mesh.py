@@ -4,25 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from kernel_data import mesh
 from random_grids import random_grid
-from shapes import torus
 
 from o3d_sofnn import _kernels, reference
-from o3d_sofnn.meshing.extraction import extract
 from o3d_sofnn.meshing.grid import AdaptiveGrid
 from o3d_sofnn.meshing.marching_cubes import EDGE_ENDS, NUDGE, both_tables
-
-
-def mesh(seed):
-    """A rough torus and random places near its vertices."""
-    points = torus(3000, seed=seed).points
-
-    def ring(x):
-        return np.hypot(np.hypot(x[:, 0], x[:, 1]) - 1.0, x[:, 2]) - 0.4, np.ones(len(x))
-
-    vertices, triangles = extract(ring, points, 0.1)
-    rng = np.random.default_rng(seed)
-    return vertices, triangles, vertices + rng.normal(0.0, 0.03, vertices.shape)
 
 
 @pytest.mark.parametrize("seed", range(4))
