@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree, vertex_normals
-from o3d_sofnn.geometry import mesh_properties
-from o3d_sofnn.geometry.vectors import bounds, longest_side
+from o3d_sofnn.geometry.checks import check_mesh, check_stage
+from o3d_sofnn.geometry.vectors import longest_side
 from o3d_sofnn.implicit.field import Field
 from o3d_sofnn.implicit.units import local_surfaces
 from o3d_sofnn.meshing.attributes import attribute_weights
@@ -28,12 +28,12 @@ from o3d_sofnn.rules.inference import infer_normals
 from o3d_sofnn.rules.off_surface import beside_surface
 from o3d_sofnn.rules.rule_base import RuleBase, fit_rules
 from o3d_sofnn.rules.trust import Experience, shipped
-from o3d_sofnn.sampling.cells import sort_unique
 from o3d_sofnn.sampling.local_fit import Neighborhoods
+from o3d_sofnn.sampling.normalization import Cloud, unit_cube
 from o3d_sofnn.sampling.outliers import MANY, Samples, part_outliers
 from o3d_sofnn.sampling.scale import Limits, refine_scale
 from o3d_sofnn.sampling.typical_data import typical_data
-from o3d_sofnn.validation import affine_rank, thread_count
+from o3d_sofnn.validation import thread_count
 
 __all__ = ["STAGES", "NormalEstimate", "SurfaceEstimate", "estimate_normals", "reconstruct_surface"]
 
@@ -113,9 +113,14 @@ def reconstruct_surface(
     """
     options = replace(options or Options(), **fields)
     clock = Clock(progress)
-    if options.trim is None and affine_rank(points) == 2:
-        raise ValueError("points lie in one plane and enclose nothing: give trim to get a sheet")
-    learned = learn_rules(points, options, clock, normals=normals, experience=shipped())
+    learned = learn_rules(
+        points,
+        options,
+        clock,
+        normals=normals,
+        experience=shipped(),
+        enclosing=options.trim is None,
+    )
     estimate, facing, residual = infer(learned, options, clock)
     threads, cloud, samples = thread_count(options.n_threads), learned.cloud, learned.samples
     facing, residual = facing[samples.kept], residual[samples.kept]
@@ -146,11 +151,13 @@ def reconstruct_surface(
         vertices, triangles, confidence = mesh(
             implicit, on_surface, finest, levels, options.trim, options.target_triangles, threads
         )
+        watertight = check_mesh(vertices, triangles, closed=options.trim is None)
     del implicit, on_surface
     with clock.stage("attributes"):
         facing = np.asarray(vertex_normals(vertices, triangles))
         near = np.flatnonzero(confidence > 0.0)
         facing[near] = infer_normals(rules, vertices[near], threads)[0]
+        check_stage("attributes", normals=facing, confidences=confidence)
     clock.finish()
     return SurfaceEstimate(
         vertices=vertices * cloud.extent + cloud.middle,
@@ -162,31 +169,8 @@ def reconstruct_surface(
         offset_points=surfaces.offset_points,
         voxel_size=options.voxel_size or size * cloud.extent,
         seconds=clock.seconds,
-        watertight=mesh_properties.is_closed(triangles),
+        watertight=watertight,
     )
-
-
-@dataclass(frozen=True)
-class Cloud:
-    """Distinct points of a cloud, moved and scaled into the unit cube.
-
-    Attributes
-    ----------
-    points : (d, 3) float64
-        In Morton order.
-    first : (d,) int64
-        Row of the cloud that each of them is.
-    inverse : (n,) int64
-        Which of them each row of the cloud is.
-    middle, extent : (3,) float64 and float
-        The cloud is ``extent * points + middle``.
-    """
-
-    points: Array
-    first: NDArray[np.int64]
-    inverse: NDArray[np.int64]
-    middle: Array
-    extent: float
 
 
 @dataclass(frozen=True)
@@ -221,6 +205,7 @@ def learn_rules(
     *,
     normals: Array | None = None,
     experience: Experience | None = None,
+    enclosing: bool = False,
 ) -> Learned:
     """Learn oriented rules from points.
 
@@ -236,6 +221,8 @@ def learn_rules(
         Known normals.
     experience : Experience, optional
         Off-line rules.
+    enclosing : bool, default False
+        Whether the surface shall enclose something: points in one plane are an error.
 
     Returns
     -------
@@ -244,23 +231,20 @@ def learn_rules(
     Raises
     ------
     ValueError
-        `points` has fewer than 4 rows, or they are all equal or on one line.
+        Fewer than 4 distinct points, or they are all equal or on one line.
     """
-    if len(points) < 4:
-        raise ValueError(f"points: at least 4 rows expected, got {len(points)}")
-    if affine_rank(points) < 2:
-        raise ValueError("points are all equal or lie on one line: no surface goes through them")
     threads = thread_count(options.n_threads)
     directions = directions_to(options.viewpoint, points)
     with clock.stage("cells"):  # Algorithm 1, steps 1 and 2
-        cloud = _unit_cube(points)
+        cloud = unit_cube(points, enclosing)
     limits = _limits(options, cloud.extent)
     with clock.stage("scale"):  # Algorithm 1, steps 3 to 6
-        samples = part_outliers(cloud.points, limits, threads)
+        samples = part_outliers(cloud.points, limits, threads, cloud.near)
     with clock.stage("orientation"):
         rows = cloud.first[samples.kept]
         known, seen = (None if x is None else x[rows] for x in (normals, directions))
         sides = find_sides(samples, known, seen, threads)
+        check_stage("orientation", sides=sides)
     rules, samples = _first_rules(samples, sides, limits, clock, threads)
     warnings: tuple[str, ...] = ()
     if known is None and seen is None:
@@ -275,6 +259,7 @@ def learn_rules(
         rules, samples = _first_rules(samples, sides, limits, clock, threads)
     with clock.stage("growth"):  # section 3.2
         rules = grow(rules, samples, sides, limits, experience, threads)
+        check_stage("growth", **vars(rules))
     with clock.stage("orientation"):
         settled = normals is not None or options.faces_known
         rules = replace(rules, confidence=certainty(rules, settled, threads))
@@ -282,7 +267,7 @@ def learn_rules(
         with clock.stage("outliers"):
             off = beside_surface(rules, samples, sides, experience, threads)
             samples, sides = samples.parted(off, threads), sides[~off]
-    return Learned(cloud, samples, sides, rules, warnings)
+    return Learned(cloud, samples, sides, rules, cloud.warnings + warnings)
 
 
 def infer(learned: Learned, options: Options, clock: Clock) -> tuple[NormalEstimate, Array, Array]:
@@ -318,6 +303,7 @@ def infer(learned: Learned, options: Options, clock: Clock) -> tuple[NormalEstim
         spacing = float(np.median(samples.scale.spacing))
         doubt = (1.0 - confidence) * np.minimum(1.0, 2.0 * noise / spacing)
         leaning = leaned(normals, sides, doubt)
+        check_stage("inference", normals=leaning, confidences=confidence, residuals=residual)
     back = cloud.inverse
     estimate = NormalEstimate(
         normals=leaning[back],
@@ -331,14 +317,6 @@ def infer(learned: Learned, options: Options, clock: Clock) -> tuple[NormalEstim
         warnings=learned.warnings,
     )
     return estimate, normals, residual
-
-
-def _unit_cube(points: Array) -> Cloud:
-    low, high = bounds(points)
-    middle, extent = 0.5 * (low + high), float((high - low).max())
-    first, inverse = sort_unique(points)
-    x = np.ascontiguousarray((points[first] - middle) / extent)
-    return Cloud(x, first, inverse, middle, extent)
 
 
 def _limits(options: Options, extent: float) -> Limits:

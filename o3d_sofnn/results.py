@@ -78,7 +78,7 @@ class SurfaceEstimate:
     seconds : dict of str to float
         Time of each stage, those of the normals included.
     watertight : bool
-        Whether every edge has two triangles.
+        Whether every edge has two triangles, which run through it in opposite directions.
     """
 
     vertices: NDArray[np.float64]

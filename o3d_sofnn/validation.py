@@ -16,8 +16,6 @@ MIN_NEIGHBORS = 6
 MAX_DEPTH = 16
 # Sixth powers of lengths, as in the normal equations of a quadric, stay representable.
 _LARGEST = 1e50
-# Points of many that are looked at first: a part may say enough.
-_SOME = 5000
 
 
 def check_points(points: ArrayLike, name: str = "points") -> NDArray[np.float64]:
@@ -266,21 +264,6 @@ def _real(value: Any, name: str, expected: str) -> float | None:
         return float(value)
     except (TypeError, ValueError):
         raise ValueError(f"{name}: expected {expected}, got {value!r}") from None
-
-
-def affine_rank(points: NDArray[np.float64]) -> int:
-    """Return the dimension of the affine space that the points span."""
-    if len(points) == 0:
-        return 0
-    if len(points) > 4 * _SOME and affine_rank(points[:: len(points) // _SOME]) == 3:
-        return 3
-    centred = points - points.mean(axis=0)
-    size = float(np.abs(centred).max())
-    rounding = 8.0 * np.finfo(np.float64).eps * float(np.abs(points).max())
-    if size <= rounding:
-        return 0
-    spread = np.linalg.svd(centred / size, compute_uv=False) / np.sqrt(len(points))
-    return int((spread > max(1e-9, rounding / size)).sum())
 
 
 def thread_count(n_threads: int) -> int:

@@ -62,7 +62,14 @@ def is_consistently_wound(triangles: Triangles) -> bool:
 
 def is_watertight(triangles: Triangles) -> bool:
     """Tell whether the mesh is closed, edge-manifold and consistently wound."""
-    return is_closed(triangles) and is_edge_manifold(triangles) and is_consistently_wound(triangles)
+    if len(triangles) == 0 or has_repeated_indices(triangles):
+        return False
+    # Each half-edge once, and its opposite once: one number each is many times as fast as rows.
+    corners = np.asarray(triangles, dtype=np.int64)
+    start, end = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
+    n = int(corners.max()) + 1
+    there, back = np.sort(start * n + end), np.sort(end * n + start)
+    return bool((there[1:] != there[:-1]).all() and (there == back).all())
 
 
 def has_repeated_indices(triangles: Triangles) -> bool:

@@ -30,3 +30,22 @@ def longest_side(x: NDArray[np.float64]) -> float:
 def unit(x: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rows of unit length, zeros stay."""
     return np.asarray(x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-300))
+
+
+SOME = 5000
+"""Points of many that are looked at first: a part may say enough."""
+
+
+def affine_rank(points: NDArray[np.float64]) -> int:
+    """Return the dimension of the affine space that the points span."""
+    if len(points) == 0:
+        return 0
+    if len(points) > 4 * SOME and affine_rank(points[:: len(points) // SOME]) == 3:
+        return 3
+    centred = points - points.mean(axis=0)
+    size = float(np.abs(centred).max())
+    rounding = 8.0 * np.finfo(np.float64).eps * float(np.abs(points).max())
+    if size <= rounding:
+        return 0
+    spread = np.linalg.svd(centred / size, compute_uv=False) / np.sqrt(len(points))
+    return int((spread > max(1e-9, rounding / size)).sum())

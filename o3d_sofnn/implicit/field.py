@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn import _kernels
+from o3d_sofnn.geometry.checks import check_stage
 from o3d_sofnn.geometry.neighbors import neighborhood_areas
 from o3d_sofnn.implicit.units import LocalSurfaces
 from o3d_sofnn.orientation.winding_normals import OPENING
@@ -144,6 +145,7 @@ class Field:
         for start in range(0, len(x), BLOCK):  # some ten numbers a place are needed at once
             block = order[start : start + BLOCK]
             values[block], support[block] = self._evaluate(np.ascontiguousarray(x[block]))
+        check_stage("field", values=values)
         return values, support
 
     def _evaluate(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

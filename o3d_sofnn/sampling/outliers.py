@@ -66,7 +66,12 @@ class Samples:
         return replace(rest, scale=choose_scale(rest.points, rest.tree, limits, n_threads))
 
 
-def part_outliers(points: NDArray[np.float64], limits: Limits, n_threads: int) -> Samples:
+def part_outliers(
+    points: NDArray[np.float64],
+    limits: Limits,
+    n_threads: int,
+    near: NDArray[np.bool_] | None = None,
+) -> Samples:
     """Part the points from their outliers, and find the scale of what remains.
 
     Many outliers make each other's company, and the spacing of the surface hard to see: then the
@@ -78,14 +83,17 @@ def part_outliers(points: NDArray[np.float64], limits: Limits, n_threads: int) -
         Distinct points in Morton order.
     limits, n_threads
         As in :func:`o3d_sofnn.sampling.scale.choose_scale`.
+    near : (n,) bool, optional
+        False for points that are known as outliers.
 
     Returns
     -------
     Samples
     """
+    kept = np.ones(len(points), bool) if near is None else near
+    points = points if kept.all() else np.ascontiguousarray(points[kept])
     tree = KdTree(points, n_threads)
-    scale = choose_scale(points, tree, limits, n_threads)
-    samples = Samples(points, tree, scale, np.ones(len(points), bool))
+    samples = Samples(points, tree, choose_scale(points, tree, limits, n_threads), kept)
     for _ in range(2):
         off = find_outliers(samples.points, samples.tree, samples.scale, n_threads)
         if off.any():

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from o3d_sofnn.geometry.vectors import BLOCK, bounds, longest_side
-from o3d_sofnn.validation import affine_rank
+from o3d_sofnn.geometry.vectors import BLOCK, affine_rank, bounds, longest_side
 
 
 @pytest.mark.parametrize("n", [1, 2, BLOCK - 1, BLOCK, BLOCK + 1, 5 * BLOCK + 7])
