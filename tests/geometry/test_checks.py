@@ -21,9 +21,7 @@ def test_finite_arrays_pass():
 def test_what_is_not_finite_names_the_stage(bad):
     values = CORNERS.copy()
     values[1:3, 0] = bad
-    with pytest.raises(
-        ValueError, match=r"points: .*2 normals are not finite after stage 'growth'"
-    ):
+    with pytest.raises(ValueError, match=r"points: .*: 2 normals are not finite .* 'growth'"):
         check_stage("growth", counts=np.arange(3), normals=values)
 
 
@@ -35,7 +33,11 @@ def test_a_closed_mesh_passes_and_an_open_one_where_it_may_be_open():
 @pytest.mark.parametrize(
     ("vertices", "triangles", "message"),
     [
-        (CORNERS * np.inf, TETRAHEDRON, "vertices are not finite after stage 'surface'"),
+        (
+            np.where(CORNERS > 0.0, np.inf, 0.0),
+            TETRAHEDRON,
+            "vertices are not finite after stage 'surface'",
+        ),
         (CORNERS[:3], TETRAHEDRON, "'surface' names vertices that are not"),
         (CORNERS, TETRAHEDRON - 1, "'surface' names vertices that are not"),
         (CORNERS, TETRAHEDRON[1:], "'surface' has left the mesh open"),
@@ -46,7 +48,7 @@ def test_a_closed_mesh_passes_and_an_open_one_where_it_may_be_open():
     ],
 )
 def test_a_mesh_that_is_none_names_the_stage(vertices, triangles, message):
-    with np.errstate(invalid="ignore"), pytest.raises(ValueError, match=message):
+    with pytest.raises(ValueError, match=message):
         check_mesh(vertices, triangles, closed=True)
 
 

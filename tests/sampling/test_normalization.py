@@ -69,7 +69,7 @@ def test_far_outliers_do_not_decide_the_unit(distance):
     assert cloud.extent == alone.extent
     np.testing.assert_array_equal(cloud.middle, alone.middle)
     np.testing.assert_array_equal(np.flatnonzero(~cloud.near[cloud.inverse]), np.arange(N, N + 7))
-    assert np.abs(cloud.points).max() <= FAR
+    assert np.abs(cloud.points).max() < 1.001 * FAR
     assert any("7 of 407" in warning for warning in cloud.warnings)
     assert_covers(cloud, points)
     share, estimate = right(points)
@@ -113,7 +113,7 @@ def test_the_corners_of_a_cube_with_jitter_below_rounding():
     points = np.repeat(corners, 5, axis=0) + 1e-14 * rng.normal(size=(40, 3))
     cloud = unit_cube(points)
     assert len(cloud.points) == 8
-    np.testing.assert_array_equal(cloud.inverse.reshape(8, 5), cloud.inverse[::5, None])
+    np.testing.assert_array_equal(cloud.inverse, np.repeat(cloud.inverse[::5], 5))
     estimate = pipeline.estimate_normals(points, n_threads=1)
     np.testing.assert_allclose(np.linalg.norm(estimate.normals, axis=1), 1.0, atol=1e-9)
 
@@ -131,7 +131,7 @@ def test_what_stands_around_a_dense_spot_is_the_scene():
 
 @pytest.mark.parametrize(("distance", "resolved"), [(1e3, True), (1e6, True), (1e8, False)])
 def test_two_spheres_far_apart(distance, resolved):
-    points = np.concatenate([SPHERE.points, SPHERE.points + [distance, 0.0, 0.0]])
+    points = np.concatenate([SPHERE.points, SPHERE.points + np.array([distance, 0.0, 0.0])])
     if resolved:
         assert right(points)[0] == 1.0
     else:
@@ -139,11 +139,10 @@ def test_two_spheres_far_apart(distance, resolved):
             unit_cube(points)
 
 
-@pytest.mark.parametrize(
-    "order", [slice(None, None, -1), np.random.default_rng(0).permutation(503)]
-)
-def test_the_order_of_the_points_does_not_decide(order):
-    rng = np.random.default_rng(1)
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_order_of_the_points_does_not_decide(seed):
+    rng = np.random.default_rng(seed)
+    order = rng.permutation(503)
     spot = 1e-12 * rng.normal(size=(100, 3))
     points = np.concatenate([SPHERE.points, spot, 1e7 * rng.normal(size=(3, 3))])
     one, other = unit_cube(points), unit_cube(points[order])
