@@ -79,7 +79,9 @@ def winding_number_normals(
             break
     mu = unit(mu) * areas[order, None]
     winding = samples.winding(mu, coarse)
-    mu *= 0.5 * winding.sum() / (winding**2).sum()
+    square = float((winding**2).sum())
+    if square > 0.0:  # zero all over on a line of points
+        mu *= 0.5 * winding.sum() / square
     for width in np.geomspace(coarse, fine, NARROWING):
         mu = samples.descend(mu, width, 1, 0.0)
     result = np.empty_like(mu)
