@@ -214,12 +214,14 @@ def marching_cubes(
     triangles: _Ints,
     members: _Ints,
     ends: _Ints,
-    nudge: float,
-) -> tuple[_Floats, NDArray[np.int32]]:
+    nudges: _Floats,
+) -> tuple[_Floats, NDArray[np.int32], NDArray[np.int32], _Floats]:
     """Triangulate the zero set of `values` (m,) at `nodes` (m, 3) on `cubes` (c, 8).
 
-    Tables as :func:`o3d_sofnn.marching_cubes.both_tables` gives them. Returns vertices (v, 3) and
-    outward triangles (t, 3).
+    Tables as :func:`o3d_sofnn.meshing.marching_cubes.both_tables` gives them. Vertices stay away
+    from the nodes by ``nudges[0]`` of the edge. Returns vertices (v, 3), outward triangles (t, 3),
+    the vertices (k,) beside cubes with corners that coincide and their places (k, 3) ``nudges[1]``
+    away.
     """
 
 def vertex_normals(vertices: _Floats, triangles: NDArray[np.int32]) -> _Floats:

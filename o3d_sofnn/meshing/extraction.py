@@ -61,7 +61,7 @@ def extract(
         wanted = np.asarray(walk.advance(values[-1] < 0.0))
     leaves, crossed = np.asarray(walk.leaves()), np.asarray(walk.take_crossed())
     del walk  # its maps are as large as all of the mesh
-    return marching_cubes(np.concatenate(values), grid.positions(leaves), crossed)
+    return marching_cubes(np.concatenate(values), grid.positions(leaves), crossed, n_threads)
 
 
 def _walled(

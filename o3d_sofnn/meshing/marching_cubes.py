@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn import _kernels
+from o3d_sofnn.meshing.untangling import untangle
 
 CORNERS = np.array([(c & 1, c >> 1 & 1, c >> 2 & 1) for c in range(8)], np.int64)
 """Corner ``c`` of the unit cube: bit 0 is x, bit 1 is y, bit 2 is z."""
@@ -29,8 +30,10 @@ EDGE_ENDS = np.array([(c, c | 1 << axis) for c, axis in EDGES], np.int64)
 EDGE_OF = {(c, c | 1 << axis): e for e, (c, axis) in enumerate(EDGES)}
 
 
-NUDGE = 0.02
-"""Least distance of a vertex from a node, over the edge: no triangle loses its area."""
+NUDGES = np.array([0.02, 0.2])
+"""Least distance of a vertex from a node, over the edge: no triangle loses its area. And where a
+triangle beside a cube with corners that coincide would cut another one: of random values 3 in
+100,000 do with 0.02, 1 in a million with 0.15, and none of 1.7 million from 0.2 on."""
 
 
 MIDDLE = 12
@@ -125,7 +128,10 @@ def triangle_table(fan: bool = False) -> tuple[NDArray[np.int64], NDArray[np.int
 
 
 def marching_cubes(
-    values: NDArray[np.float64], nodes: NDArray[np.float64], cubes: NDArray[np.int32]
+    values: NDArray[np.float64],
+    nodes: NDArray[np.float64],
+    cubes: NDArray[np.int32],
+    n_threads: int = 1,
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Triangulate the zero set on a list of cubes.
 
@@ -137,6 +143,8 @@ def marching_cubes(
         Positions of the nodes.
     cubes : (c, 8) int32
         Nodes of each cube in the order of ``CORNERS``; neighbouring corners may coincide.
+    n_threads : int, default 1
+        Threads.
 
     Returns
     -------
@@ -144,11 +152,15 @@ def marching_cubes(
         One on every edge with a change of sign, by linear interpolation, in the order in which the
         cubes need them.
     triangles : (t, 3) int32
-        Outward, cube by cube.
+        Outward, cube by cube. None cuts another one.
     """
-    triangles, members = both_tables()
-    result = _kernels.marching_cubes(values, nodes, cubes, triangles, members, EDGE_ENDS, NUDGE)
-    return np.asarray(result[0]), np.asarray(result[1])
+    result = _kernels.marching_cubes(values, nodes, cubes, *both_tables(), EDGE_ENDS, NUDGES)
+    vertices, triangles, uneven, inner = map(np.asarray, result)
+    if not len(uneven):
+        return vertices, triangles
+    away = vertices.copy()
+    away[uneven] = inner
+    return untangle([away, vertices], triangles, n_threads), triangles
 
 
 @cache

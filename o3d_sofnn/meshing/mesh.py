@@ -13,6 +13,7 @@ from o3d_sofnn.meshing.handles import open_handles
 from o3d_sofnn.meshing.relaxation import balance_chords, relax
 from o3d_sofnn.meshing.sharpening import sharpen
 from o3d_sofnn.meshing.trimming import cut, drop_strays
+from o3d_sofnn.meshing.untangling import untangle
 
 
 def mesh(
@@ -57,11 +58,12 @@ def mesh(
     if len(triangles):
         triangles, used = drop_strays(vertices, triangles, samples, n_threads)
         vertices = vertices[used]
-    vertices, confidence = relax(vertices, triangles, implicit)
-    vertices = sharpen(vertices, triangles, implicit)
+    relaxed, confidence = relax(vertices, triangles, implicit)
+    moved = sharpen(relaxed, triangles, implicit)
     # What noise leaves of roughness is no curvature.
-    vertices = balance_chords(vertices, triangles, 1.0 - implicit.noisiness)
-    vertices, triangles, source = open_handles(vertices, triangles, implicit.spacing_at)
+    moved = balance_chords(moved, triangles, 1.0 - implicit.noisiness)
+    vertices = untangle([vertices, relaxed, moved], triangles, n_threads)
+    vertices, triangles, source = open_handles(vertices, triangles, implicit.spacing_at, n_threads)
     confidence = confidence[source]
     if trim is not None:
         vertices, triangles, confidence = cut(vertices, triangles, confidence, trim)

@@ -7,7 +7,7 @@ import pytest
 from mesh_checks import assert_valid_mesh
 
 from o3d_sofnn.geometry import mesh_properties
-from o3d_sofnn.meshing.marching_cubes import CORNERS, EDGES, NUDGE, marching_cubes, triangle_table
+from o3d_sofnn.meshing.marching_cubes import CORNERS, EDGES, NUDGES, marching_cubes, triangle_table
 
 
 def grid(values):
@@ -106,8 +106,8 @@ def test_vertices_are_those_of_scikit_image(seed):
     assert len(on_edge) == len(np.unique(expected.round(6), axis=0))
     distance = np.linalg.norm(on_edge[:, None] - expected[None], axis=2)
     assert np.median(distance.min(axis=1)) < 1e-6
-    assert distance.min(axis=1).max() < NUDGE + 1e-5
-    assert distance.min(axis=0).max() < NUDGE + 1e-5
+    assert distance.min(axis=1).max() < NUDGES[0] + 1e-5
+    assert distance.min(axis=0).max() < NUDGES[0] + 1e-5
 
 
 def sphere_values(n, radius):
@@ -140,7 +140,7 @@ def test_vertices_interpolate_linearly():
     assert len(triangles)
     error = np.abs(vertices @ slope - offset)
     assert np.median(error) < 1e-12
-    assert error.max() <= NUDGE * np.abs(slope).max()
+    assert error.max() <= NUDGES[0] * np.abs(slope).max()
     corners = vertices[triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert (normals @ slope > 0.0).all()  # outward is where values grow

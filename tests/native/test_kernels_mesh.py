@@ -9,7 +9,7 @@ from random_grids import random_grid
 
 from o3d_sofnn import _kernels, reference
 from o3d_sofnn.meshing.grid import AdaptiveGrid
-from o3d_sofnn.meshing.marching_cubes import EDGE_ENDS, NUDGE, both_tables
+from o3d_sofnn.meshing.marching_cubes import EDGE_ENDS, NUDGES, both_tables
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -20,11 +20,14 @@ def test_marching_cubes(seed, bias):
     place = grid.positions(leaves)
     outside = ((place < grid.low) | (place > grid.high)).any(axis=1)
     values = np.where(outside, 1.0, rng.uniform(-1.0, 1.0, len(leaves)) + bias)
-    args = (values, place, index.astype(np.int32), *both_tables(), EDGE_ENDS, NUDGE)
-    vertices, triangles = _kernels.marching_cubes(*args)
-    expected, connected = reference.marching_cubes(*args)
-    np.testing.assert_array_equal(triangles, connected)
-    np.testing.assert_allclose(vertices, expected, rtol=0.0, atol=1e-14)
+    args = (values, place, index.astype(np.int32), *both_tables(), EDGE_ENDS, NUDGES)
+    vertices, triangles, uneven, inner = _kernels.marching_cubes(*args)
+    expected = reference.marching_cubes(*args)
+    np.testing.assert_array_equal(triangles, expected[1])
+    np.testing.assert_allclose(vertices, expected[0], rtol=0.0, atol=1e-14)
+    assert 0 < len(uneven) < len(vertices)
+    np.testing.assert_array_equal(np.sort(uneven), expected[2])
+    np.testing.assert_allclose(np.asarray(inner)[np.argsort(uneven)], expected[3], atol=1e-14)
 
 
 @pytest.mark.parametrize("seed", range(6))

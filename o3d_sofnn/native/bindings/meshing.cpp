@@ -4,6 +4,7 @@
 #include "meshing/handles.hpp"
 #include "meshing/marching_cubes.hpp"
 #include "meshing/mesh.hpp"
+#include "meshing/triangle_tree.hpp"
 
 namespace sofnn {
 
@@ -12,6 +13,7 @@ using namespace nb::literals;
 using Signs = nb::ndarray<const bool, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Cubes = nb::ndarray<const int32_t, nb::shape<-1, 8>, nb::c_contig, nb::device::cpu>;
 using Ends = nb::ndarray<const int64_t, nb::shape<12, 2>, nb::c_contig, nb::device::cpu>;
+using Nudges = nb::ndarray<const double, nb::shape<2>, nb::c_contig, nb::device::cpu>;
 using HalfEdgeList = nb::ndarray<const int32_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using CaseTriangles = nb::ndarray<const int64_t, nb::shape<2, 256, -1, 3>, nb::c_contig, nb::device::cpu>;
 using CaseMembers = nb::ndarray<const int64_t, nb::shape<2, 256, 4, 12>, nb::c_contig, nb::device::cpu>;
@@ -66,7 +68,7 @@ void bind_meshing(nb::module_& m) {
       });
 
   m.def("marching_cubes",
-        [](Doubles values, Points nodes, Cubes cubes, CaseTriangles triangles, CaseMembers members, Ends ends, double nudge) {
+        [](Doubles values, Points nodes, Cubes cubes, CaseTriangles triangles, CaseMembers members, Ends ends, Nudges nudges) {
           expect(values.shape(0) == nodes.shape(0) && all_below(cubes.data(), 8 * cubes.shape(0), nodes.shape(0)),
                  "values, cubes: expected one value for each node, and rows of nodes");
           expect(tables_fit(triangles, members, ends), "triangles, members, ends: expected tables of cubes");
@@ -74,14 +76,14 @@ void bind_meshing(nb::module_& m) {
           {
             nb::gil_scoped_release release;
             const CubeTables tables{triangles.data(), members.data(), ends.data(), (int64_t)triangles.shape(2)};
-            MarchingCubes walk(tables, values.data(), nodes.data(), nodes.shape(0), nudge);
-            for (size_t i = 0; i < cubes.shape(0); ++i) walk.add(cubes.data() + 8 * i);
-            mesh = walk.take();
+            MarchingCubes walk(tables, values.data(), nodes.data(), nodes.shape(0), nudges.data());
+            mesh = walk.triangulate(cubes.data(), cubes.shape(0));
           }
-          const size_t n = mesh.vertices.size() / 3, t = mesh.triangles.size() / 3;
-          return nb::make_tuple(array(std::move(mesh.vertices), {n, 3}), array(std::move(mesh.triangles), {t, 3}));
+          const size_t n = mesh.vertices.size() / 3, t = mesh.triangles.size() / 3, k = mesh.uneven.size();
+          return nb::make_tuple(array(std::move(mesh.vertices), {n, 3}), array(std::move(mesh.triangles), {t, 3}),
+                                array(std::move(mesh.uneven), {k}), array(std::move(mesh.inner), {k, 3}));
         },
-        "values"_a, "nodes"_a, "cubes"_a, "triangles"_a, "members"_a, "ends"_a, "nudge"_a);
+        "values"_a, "nodes"_a, "cubes"_a, "triangles"_a, "members"_a, "ends"_a, "nudges"_a);
 
   m.def("vertex_normals",
         [](Points vertices, Triangles triangles) {
@@ -133,6 +135,18 @@ void bind_meshing(nb::module_& m) {
           return array(std::move(moved), {before.shape(0), 3});
         },
         "before"_a, "after"_a, "triangles"_a, "cosine"_a);
+
+  m.def("intersecting_pairs",
+        [](Points vertices, Triangles triangles, Signs suspect, int threads) {
+          std::vector<int32_t> pairs;
+          {
+            nb::gil_scoped_release release;
+            pairs = intersecting_pairs(view(vertices, triangles), suspect.data(), threads);
+          }
+          const size_t n = pairs.size() / 2;
+          return array(std::move(pairs), {n, 2});
+        },
+        "vertices"_a, "triangles"_a, "suspect"_a, "n_threads"_a);
 
   m.def("label_pieces",
         [](Triangles triangles, int64_t n) {

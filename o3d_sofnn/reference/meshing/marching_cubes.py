@@ -13,8 +13,8 @@ def marching_cubes(
     triangles: NDArray[np.int64],
     members: NDArray[np.int64],
     ends: NDArray[np.int64],
-    nudge: float,
-) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    nudges: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
     """Triangulate the zero set on a list of cubes.
 
     Parameters
@@ -32,8 +32,8 @@ def marching_cubes(
         Edges of the loop around each middle, -1 for none.
     ends : (12, 2) int64
         Corners of each edge.
-    nudge : float
-        Least distance of a vertex from a node, over the edge.
+    nudges : (2,) float64
+        Least distance of a vertex from a node, over the edge; and that of the second places.
 
     Returns
     -------
@@ -41,16 +41,29 @@ def marching_cubes(
         In the order in which the cubes need them.
     triangles : (f, 3) int32
         Cube by cube.
+    uneven : (k,) int32
+        Vertices beside cubes with corners that coincide,
+    inner : (k, 3) float64
+        and their second places.
     """
-    case = (values < 0)[cubes] @ (1 << np.arange(8))
-    crossed = (case > 0) & (case < 255)
-    cubes, case = cubes[crossed], case[crossed]
-    edge = cubes[:, ends].astype(np.int64)
-    fan = (edge[:, :, 0] == edge[:, :, 1]).any(axis=1).astype(np.int64)
-
     # An edge is named by its nodes, the lower one first, and a middle by its cube and number.
     n = len(values)
+    edge = cubes[:, ends].astype(np.int64)
+    fan = (edge[:, :, 0] == edge[:, :, 1]).any(axis=1).astype(np.int64)
     edge_key = edge.min(axis=2) * n + edge.max(axis=2)
+    at_level_change = np.unique(edge_key[fan > 0])
+
+    def crossings(keys: NDArray[np.int64], second: bool) -> NDArray[np.float64]:
+        start, end = np.divmod(keys, n)
+        fall = values[start] - values[end]
+        nudge = nudges[(np.isin(keys, at_level_change) & second).astype(np.int64)]
+        t = np.fmax(nudge, values[start] / np.where(fall == 0.0, 1.0, fall))
+        t = np.minimum(1.0 - nudge, t)[:, None]  # what is no number becomes the nudge
+        return np.asarray(nodes[start] + t * (nodes[end] - nodes[start]))
+
+    case = (values < 0)[cubes] @ (1 << np.arange(8))
+    crossed = (case > 0) & (case < 255)
+    cubes, case, fan, edge_key = cubes[crossed], case[crossed], fan[crossed], edge_key[crossed]
     middle_key = n**2 + 4 * np.arange(len(cubes))[:, None] + np.arange(4)
     key = np.concatenate([edge_key, middle_key], axis=1)
     local = triangles[fan, case]
@@ -61,26 +74,20 @@ def marching_cubes(
     order = np.argsort(first)
     rank = np.argsort(order)
 
-    vertices = np.zeros((len(used), 3))
+    places = np.zeros((2, len(used), 3))
     on_edge = used < n**2
-    vertices[on_edge] = _crossings(values, nodes, used[on_edge], nudge)
     owner, number = np.divmod(used[~on_edge] - n**2, 4)
     loop = members[fan[owner], case[owner], number]
     around = edge_key[owner[:, None], np.maximum(loop, 0)]
     weight = (loop >= 0).astype(np.float64)[:, :, None]
-    points = _crossings(values, nodes, around.ravel(), nudge).reshape(*loop.shape, 3)
-    vertices[~on_edge] = np.where(weight > 0.0, points, 0.0).sum(axis=1) / weight.sum(axis=1)
-    return vertices[order], rank[back].reshape(-1, 3).astype(np.int32)
-
-
-def _crossings(
-    values: NDArray[np.float64], nodes: NDArray[np.float64], keys: NDArray[np.int64], nudge: float
-) -> NDArray[np.float64]:
-    start, end = np.divmod(keys, len(values))
-    fall = values[start] - values[end]
-    t = values[start] / np.where(fall == 0.0, 1.0, fall)
-    t = np.minimum(1.0 - nudge, np.fmax(nudge, t))[:, None]  # what is no number becomes the nudge
-    return np.asarray(nodes[start] + t * (nodes[end] - nodes[start]))
+    for second in (False, True):
+        places[int(second), on_edge] = crossings(used[on_edge], second)
+        points = crossings(around.ravel(), second).reshape(*loop.shape, 3)
+        summed = np.where(weight > 0.0, points, 0.0).sum(axis=1)
+        places[int(second), ~on_edge] = summed / weight.sum(axis=1)
+    vertices, inner = places[:, order]
+    uneven = np.flatnonzero((inner != vertices).any(axis=1)).astype(np.int32)
+    return vertices, rank[back].reshape(-1, 3).astype(np.int32), uneven, inner[uneven]
 
 
 def _proper(
