@@ -249,6 +249,23 @@ def undo_turns(
 ) -> _Floats:
     """Move `after` (m, 3) back to `before` until no triangle turns by more than `cosine`."""
 
+def intersecting_pairs(
+    vertices: _Floats, triangles: NDArray[np.int32], suspect: NDArray[np.bool_], n_threads: int
+) -> NDArray[np.int32]:
+    """Find triangles that cut, touch or cover others, but for what neighbours have in common.
+
+    Returns pairs (p, 2) of which at least one is `suspect` (t,), the lesser row first, in ascending
+    order. What is nearer than 1e-4 of the size of the triangles touches.
+    """
+
+def decimate(
+    vertices: _Floats, triangles: NDArray[np.int32], target: int, n_threads: int
+) -> tuple[_Floats, NDArray[np.int32], NDArray[np.int32]]:
+    """Collapse edges until `target` triangles are left, or none can be collapsed.
+
+    Returns vertices (v, 3), triangles (k, 3) and the vertex (v,) that each one was.
+    """
+
 def label_pieces(triangles: NDArray[np.int32], n_vertices: int) -> _Ints:
     """Label the connected pieces of vertices (m,), in the order of their first ones."""
 

@@ -15,6 +15,7 @@ from o3d_sofnn.geometry.vectors import longest_side
 from o3d_sofnn.implicit.field import Field
 from o3d_sofnn.implicit.units import local_surfaces
 from o3d_sofnn.meshing.attributes import attribute_weights
+from o3d_sofnn.meshing.decimation import unmet
 from o3d_sofnn.meshing.mesh import mesh
 from o3d_sofnn.meshing.resolution import choose_cubes
 from o3d_sofnn.options import Options
@@ -159,13 +160,14 @@ def reconstruct_surface(
         facing[near] = infer_normals(rules, vertices[near], threads)[0]
         check_stage("attributes", normals=facing, confidences=confidence)
     clock.finish()
+    told = estimate.warnings + unmet(options.target_triangles, len(triangles))
     return SurfaceEstimate(
         vertices=vertices * cloud.extent + cloud.middle,
         triangles=triangles,
         vertex_normals=facing,
         confidence=confidence,
         weigh=partial(attribute_weights, vertices, cloud.points, cloud.inverse, size, threads),
-        normals=_facing(options, points, estimate),
+        normals=_facing(options, points, replace(estimate, warnings=told)),
         offset_points=surfaces.offset_points,
         voxel_size=options.voxel_size or size * cloud.extent,
         seconds=clock.seconds,

@@ -128,7 +128,7 @@ def _draw_back(
         for _ in range(rings):
             near[triangles[near[triangles].any(axis=1)]] = True
         vertices = smooth_closings(vertices, triangles, np.where(near, 0.0, 1.0))
-        moved = near[triangles].any(axis=1)
+        moved = np.asarray(near[triangles].any(axis=1))
         pairs = np.asarray(_kernels.intersecting_pairs(vertices, triangles, moved, n_threads))
         crossing = triangles[pairs.ravel()].ravel()
         if not len(crossing):

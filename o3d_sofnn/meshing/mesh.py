@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn.implicit.field import Field
+from o3d_sofnn.meshing.decimation import decimate
 from o3d_sofnn.meshing.extraction import extract
 from o3d_sofnn.meshing.handles import open_handles
 from o3d_sofnn.meshing.relaxation import balance_chords, relax
@@ -38,7 +39,7 @@ def mesh(
     trim : float or "auto" or None
         Where to cut (:func:`o3d_sofnn.meshing.trimming.cut`); None for nowhere.
     target : int or None
-        Triangles to be left.
+        Triangles to be left, or as few as can be.
     n_threads : int
         Threads.
 
@@ -73,42 +74,6 @@ def mesh(
         reason = "the points are too few or too flat" if trim is None else "trim removed it all"
         raise ValueError(f"points define no surface at this resolution: {reason}")
     if target is not None:
-        vertices, triangles, source = decimate(vertices, triangles, target)
+        vertices, triangles, source = decimate(vertices, triangles, target, n_threads)
         confidence = confidence[source]
     return vertices, triangles, confidence
-
-
-def decimate(
-    vertices: NDArray[np.float64], triangles: NDArray[np.int32], target: int
-) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int64]]:
-    """Collapse edges where the surface changes least (Garland and Heckbert, 1997, by libigl).
-
-    A collapse that would change the topology is left out: a closed manifold stays one, with the
-    same pieces and handles.
-
-    Parameters
-    ----------
-    vertices : (m, 3) float64
-    triangles : (t, 3) int32
-        A manifold, with or without borders.
-    target : int
-        Triangles wanted.
-
-    Returns
-    -------
-    vertices : (v, 3) float64
-    triangles : (k, 3) int32
-        `target` of them, or one less, or as few as the topology needs if those are more.
-    source : (v,) int64
-        A vertex of the input for each vertex.
-    """
-    import igl  # of no use to most calls
-
-    if target >= len(triangles):
-        return vertices, triangles, np.arange(len(vertices))
-    found, fewer, _, source = igl.qslim(vertices, triangles, target)
-    return (
-        np.ascontiguousarray(found, np.float64),
-        np.ascontiguousarray(fewer, np.int32),
-        np.asarray(source, np.int64),
-    )

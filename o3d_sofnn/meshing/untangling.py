@@ -1,4 +1,7 @@
-"""No triangle cuts another one: moves of vertices that make some do are taken back."""
+"""No triangle cuts another one: moves of vertices that make some do so are taken back.
+
+It begins with a mesh in which none does, as marching cubes gives it.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +19,17 @@ Triangles = NDArray[np.int32]
 
 
 def untangle(steps: Sequence[Array], triangles: Triangles, n_threads: int) -> Array:
-    """Take back the moves of vertices whose triangles cut others, one step after the other.
+    """Take back moves until no triangle cuts, touches or covers another one.
+
+    Of the corners of two triangles that do so, the one that has come the longest way in the last
+    step that moved any of them goes back to where it was before.
 
     Parameters
     ----------
     steps : sequence of (m, 3) float64
-        Places of the vertices: at first, where hardly any triangle cuts another one, and after
-        each step.
+        Places of the vertices: at first, where no triangle cuts another one, and after each step.
     triangles : (t, 3) int32
+        What is common to neighbours does not count.
     n_threads : int
         Threads.
 
@@ -35,17 +41,25 @@ def untangle(steps: Sequence[Array], triangles: Triangles, n_threads: int) -> Ar
     vertices = steps[-1].copy()
     stage = np.full(len(vertices), len(steps) - 1)
     suspect = (vertices != steps[0]).any(axis=1)[triangles].any(axis=1)
-    while True:
+    way = np.zeros(len(vertices))
+    while suspect.any():
         pairs = np.asarray(_kernels.intersecting_pairs(vertices, triangles, suspect, n_threads))
-        back = np.unique(triangles[pairs.ravel()])
+        corners = triangles[pairs].reshape(-1, 6)
+        used = np.unique(corners)
+        way[used] = 0.0
+        for number in range(len(steps) - 1, 0, -1):
+            own = used[stage[used] == number]
+            way[own] = np.linalg.norm(vertices[own] - steps[number - 1][own], axis=1)
+            stage[own[way[own] == 0.0]] -= 1  # it stayed in this step
+        last = stage[corners] == stage[corners].max(axis=1, keepdims=True)
+        farthest = np.where(last, way[corners], -1.0).argmax(axis=1)[:, None]
+        back = np.unique(np.take_along_axis(corners, farthest, axis=1))
         back = back[stage[back] > 0]
-        if not len(back):
-            return vertices
-        for number, step in reversed(list(enumerate(steps[:-1]))):
-            go = back[stage[back] == number + 1]
-            vertices[go] = step[go]
-            stage[go] = number
-        changed = np.zeros(len(vertices), bool)
-        changed[back] = True
-        suspect = changed[triangles].any(axis=1)
-        suspect[pairs.ravel()] = True
+        for number in range(1, len(steps)):
+            own = back[stage[back] == number]
+            vertices[own] = steps[number - 1][own]
+            stage[own] -= 1
+        went = np.zeros(len(vertices), bool)
+        went[back] = True
+        suspect = went[triangles].any(axis=1)
+    return vertices

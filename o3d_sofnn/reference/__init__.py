@@ -9,8 +9,10 @@ from o3d_sofnn.reference.geometry.morton import sort_morton
 from o3d_sofnn.reference.geometry.neighbors import crowded, query
 from o3d_sofnn.reference.implicit.field import evaluate_field
 from o3d_sofnn.reference.implicit.rlps import reconstruct_units
+from o3d_sofnn.reference.meshing.decimation import decimate
 from o3d_sofnn.reference.meshing.grid import DualWalk
 from o3d_sofnn.reference.meshing.handles import handle_edges, open_handles
+from o3d_sofnn.reference.meshing.intersections import intersecting_pairs
 from o3d_sofnn.reference.meshing.marching_cubes import marching_cubes
 from o3d_sofnn.reference.meshing.mesh import (
     bent_vertices,
@@ -33,6 +35,7 @@ __all__ = [
     "bent_vertices",
     "consequent_errors",
     "crowded",
+    "decimate",
     "divide_cells",
     "evaluate_field",
     "evaluate_winding",
@@ -40,6 +43,7 @@ __all__ = [
     "fit_scales",
     "handle_edges",
     "infer_normals",
+    "intersecting_pairs",
     "label_pieces",
     "marching_cubes",
     "open_handles",

@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mesh_checks import assert_valid_mesh
-from shapes import plane_patch, torus
+from shapes import plane_patch, sphere, torus
 
 import o3d_sofnn
-from o3d_sofnn import adapters
+from o3d_sofnn import _kernels, adapters, reference
 from o3d_sofnn.geometry import mesh_properties
-from o3d_sofnn.meshing.mesh import decimate
+from o3d_sofnn.meshing.decimation import decimate, unmet
+from o3d_sofnn.meshing.extraction import extract
+from o3d_sofnn.meshing.trimming import cut
 from o3d_sofnn.pipeline import reconstruct_surface
 
 
@@ -35,6 +37,69 @@ def test_as_few_as_the_topology_needs(ring):
     vertices, triangles, _ = decimate(ring.vertices, ring.triangles, 1)
     assert_valid_mesh(vertices, triangles, components=1)
     assert mesh_properties.euler_characteristic(triangles) == 0
+
+
+def test_sheets_that_are_near_do_not_cut_each_other():
+    def ball(x):
+        return np.linalg.norm(x, axis=1) - 1.0, np.ones(len(x))
+
+    outer, triangles = extract(ball, sphere(4000).points, 0.1)
+    outer /= np.linalg.norm(outer, axis=1)[:, None]
+    inner = 0.99 * outer[:, [1, 2, 0]]
+    count, turned = len(triangles) // 20, triangles[:, ::-1]
+
+    def joined(one, other):
+        return np.concatenate([one[0], other[0]]), np.concatenate([one[1], other[1] + len(one[0])])
+
+    alone = joined(
+        decimate(outer, triangles, count), decimate(inner, np.ascontiguousarray(turned), count)
+    )
+    everything = np.ones(len(alone[1]), bool)
+    assert len(_kernels.intersecting_pairs(*alone, everything, 1)) > 50
+    together = decimate(*joined((outer, triangles), (inner, turned)), 2 * count)
+    assert 2 * count - 1 <= len(together[1]) <= 2 * count
+    assert_valid_mesh(*together[:2], components=2)
+
+
+def wavy(x):
+    values = np.hypot(np.hypot(x[:, 0], x[:, 1]) - 1.0, x[:, 2]) - 0.4
+    return values + 0.1 * np.sin(5.0 * x).sum(axis=1), np.ones(len(x))
+
+
+@pytest.mark.parametrize("is_open", [False, True])
+@pytest.mark.parametrize("share", [0.5, 0.0])
+def test_kernel_and_twin(is_open, share):
+    vertices, triangles = extract(wavy, torus(2000).points, 0.45)
+    vertices = vertices + np.random.default_rng(0).normal(0.0, 0.002, vertices.shape)
+    if is_open:
+        side = np.clip(0.5 + vertices[:, 2], 0.0, 1.0)
+        vertices, triangles, _ = cut(vertices, triangles, side, 0.5)
+    target = int(share * len(triangles))
+    found = [np.asarray(x) for x in _kernels.decimate(vertices, triangles, target, 1)]
+    expected = reference.decimate(vertices, triangles, target)
+    np.testing.assert_allclose(found[0], expected[0], rtol=0.0, atol=1e-9)
+    for array, other in zip(found[1:], expected[1:], strict=True):
+        np.testing.assert_array_equal(array, other)
+    assert len(found[1]) <= max(target, 30)
+
+
+def test_what_cuts_others_already_is_left_as_it_is():
+    vertices, triangles = extract(wavy, torus(2000).points, 0.2)
+    both = np.concatenate([vertices, vertices + np.array([0.3, 0.0, 0.1])])
+    doubled = np.concatenate([triangles, triangles + len(vertices)]).astype(np.int32)
+    places, fewer, _ = decimate(both, doubled, len(doubled) // 4)
+    assert_valid_mesh(places, fewer, components=2, apart=False)
+
+
+def test_a_target_that_is_not_met_is_a_warning():
+    points = torus(2000).points
+    surface = reconstruct_surface(points, target_triangles=4)
+    count = len(surface.triangles)
+    assert_valid_mesh(surface.vertices, surface.triangles, components=1)
+    assert 4 < count < 100
+    assert f"target_triangles=4 was not reached: {count}" in surface.normals.warnings[-1]
+    assert unmet(count, count) == unmet(None, count) == ()
+    assert reconstruct_surface(points, target_triangles=count).normals.warnings == ()
 
 
 def test_enough_is_left_alone(ring):

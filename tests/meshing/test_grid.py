@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mesh_checks import assert_valid_mesh
+from mesh_checks import assert_no_intersections, assert_valid_mesh
 from random_grids import random_grid
 
+from o3d_sofnn import _kernels
 from o3d_sofnn.meshing.extraction import extract
 from o3d_sofnn.meshing.grid import AdaptiveGrid, unpack
-from o3d_sofnn.meshing.marching_cubes import marching_cubes
+from o3d_sofnn.meshing.marching_cubes import EDGE_ENDS, NUDGES, both_tables, marching_cubes
 from o3d_sofnn.reference.meshing.grid import contains, halve, pack
 
 
@@ -23,6 +24,25 @@ def test_random_signs_on_random_levels_give_closed_manifolds(seed):
     for bias in (-0.6, 0.0, 0.6):
         values = np.where(outside, 1.0, rng.uniform(-1.0, 1.0, len(leaves)) + bias)
         assert_valid_mesh(*marching_cubes(values, place, index.astype(np.int32)))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_values_far_apart_on_random_levels_make_no_triangle_cut_another_one(seed):
+    """Vertices lie as near to the nodes as they may: the worst for cubes that are none."""
+    rng, grid, walk, cubes = random_grid(seed)
+    leaves, index = walk.corners(cubes)
+    place = grid.positions(leaves)
+    outside = ((place < grid.low) | (place > grid.high)).any(axis=1)
+    found = 0
+    for _ in range(3):
+        size = 10.0 ** rng.uniform(-6.0, 6.0, len(leaves))
+        values = np.where(outside, 1.0, rng.choice([-1.0, 1.0], len(leaves)) * size)
+        args = values, place, index.astype(np.int32)
+        vertices, triangles = _kernels.marching_cubes(*args, *both_tables(), EDGE_ENDS, NUDGES)[:2]
+        everything = np.ones(len(triangles), bool)
+        found += len(_kernels.intersecting_pairs(vertices, triangles, everything, 1))
+        assert_no_intersections(*marching_cubes(*args))
+    assert found > 0, "values that make none need no second place"
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "bindings/arrays.hpp"
+#include "meshing/decimation.hpp"
 #include "meshing/dual_walk.hpp"
 #include "meshing/handles.hpp"
 #include "meshing/marching_cubes.hpp"
@@ -147,6 +148,21 @@ void bind_meshing(nb::module_& m) {
           return array(std::move(pairs), {n, 2});
         },
         "vertices"_a, "triangles"_a, "suspect"_a, "n_threads"_a);
+
+  m.def("decimate",
+        [](Points vertices, Triangles triangles, int64_t target, int threads) {
+          std::vector<int32_t> source, corners;
+          std::vector<double> places;
+          {
+            nb::gil_scoped_release release;
+            Decimation mesh(view(vertices, triangles), threads);
+            mesh.run(target);
+            source = mesh.compact(), places.swap(mesh.vertices), corners.swap(mesh.corners);
+          }
+          const size_t n = source.size(), t = corners.size() / 3;
+          return nb::make_tuple(array(std::move(places), {n, 3}), array(std::move(corners), {t, 3}), array(std::move(source), {n}));
+        },
+        "vertices"_a, "triangles"_a, "target"_a, "n_threads"_a);
 
   m.def("label_pieces",
         [](Triangles triangles, int64_t n) {

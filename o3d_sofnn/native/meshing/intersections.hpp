@@ -12,7 +12,7 @@ namespace sofnn {
 
 // Least gap over the size of the larger triangle, or sine of an angle between neighbours: what is nearer touches. Wide
 // enough for coordinates that are rounded to 32 bits in a mesh of a thousand edges across, and below what is seen.
-constexpr double kTouch = 1e-5;
+constexpr double kTouch = 1e-4;
 constexpr double kTouch2 = kTouch * kTouch;
 
 // Whether two triangles have a gap along an axis.
@@ -79,12 +79,17 @@ struct Angle {
   }
 };
 
+// Whether the plane across the way from the middle of one angle to that of the other divides them, as it does for most.
+inline bool divided(const Angle& u, const Angle& w) {
+  const Vec3 a = u.way[0] + u.way[1], b = w.way[0] + w.way[1], axis = dot(b, b) * a - dot(a, a) * b;
+  const double least = std::min(std::min(dot(axis, u.way[0]), dot(axis, u.way[1])), -std::max(dot(axis, w.way[0]), dot(axis, w.way[1])));
+  const double size2 = dot(u.way[0], u.way[0]) + dot(u.way[1], u.way[1]) + dot(w.way[0], w.way[0]) + dot(w.way[1], w.way[1]);
+  return least > 0 && least * least > kTouch2 * dot(axis, axis) * size2;
+}
+
 // Triangles with one common corner: they have nothing else in common where a plane through it divides their angles.
 inline bool corners_meet(const Angle& u, const Angle& w) {
-  const Vec3 a = u.way[0] + u.way[1], b = w.way[0] + w.way[1], between = norm(b) * a - norm(a) * b;  // divides most
-  if (side_of(between, u.way[0]) > 0 && side_of(between, u.way[1]) > 0 && side_of(between, w.way[0]) < 0 &&
-      side_of(between, w.way[1]) < 0)
-    return false;
+  if (divided(u, w)) return false;
   for (int k = 0; k < 2; ++k)
     if (u.edge_leaves_out(k, w) || w.edge_leaves_out(k, u)) return false;
   if (u.plane_leaves_out(w) || w.plane_leaves_out(u)) return false;

@@ -122,6 +122,8 @@ class TriangleTree {
     }
   }
 
+  void remove(int32_t triangle) { update(triangle, FourBoxes().box(0)); }
+
   // Calls visit(i, j), in any order, for the pairs with boxes that meet and of which at least one is suspect. Pairs above
   // lead to those below them.
   template <class Visit>

@@ -1,0 +1,53 @@
+"""Fewer triangles: edges collapsed where the surface changes least.
+
+Garland and Heckbert, "Surface simplification using quadric error metrics" (1997). A collapse is
+left out that would change the topology (Dey et al., "Topology preserving edge contraction", 1999),
+turn a triangle or make one cut another.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from o3d_sofnn import _kernels
+
+
+def decimate(
+    vertices: NDArray[np.float64], triangles: NDArray[np.int32], target: int, n_threads: int = 1
+) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int64]]:
+    """Collapse edges: a manifold stays one, with the same pieces, handles and borders.
+
+    Parameters
+    ----------
+    vertices : (m, 3) float64
+    triangles : (t, 3) int32
+        A manifold, with or without borders.
+    target : int
+        Triangles wanted.
+    n_threads : int, default 1
+        Threads.
+
+    Returns
+    -------
+    vertices : (v, 3) float64
+    triangles : (k, 3) int32
+        `target` of them, or one less, or more where no edge is left that can be collapsed. None
+        cuts another one that did not do so before.
+    source : (v,) int64
+        A vertex of the input for each vertex.
+    """
+    if target >= len(triangles):
+        return vertices, triangles, np.arange(len(vertices))
+    places, fewer, source = _kernels.decimate(vertices, triangles, target, n_threads)
+    return np.asarray(places), np.asarray(fewer), np.asarray(source, np.int64)
+
+
+def unmet(target: int | None, count: int) -> tuple[str, ...]:
+    """Say what a target has become of which more triangles are left."""
+    if target is None or count <= target:
+        return ()
+    return (
+        f"target_triangles={target} was not reached: {count} triangles are as few as the topology "
+        "and sheets that must not cut each other allow: a larger voxel_size gives fewer",
+    )
