@@ -11,7 +11,7 @@ from kernel_data import mesh, places_near, random_rules, random_terms, unit_data
 from shapes import sphere, torus
 
 from o3d_sofnn import _kernels, reference
-from o3d_sofnn.meshing.marching_cubes import EDGE_ENDS, NUDGE, both_tables
+from o3d_sofnn.meshing.marching_cubes import EDGE_ENDS, NUDGES, both_tables
 from o3d_sofnn.reference.sampling.local_fit import Wanted
 
 
@@ -154,9 +154,9 @@ def test_winding_numbers_of_a_dense_spot(spot):
 def test_the_crossing_of_values_that_are_no_numbers_is_on_the_edge():
     nodes = lattice(2, 2, 2)[:, ::-1].copy()
     values = np.array([-1.0, *[np.nan] * 7])
-    args = values, nodes, np.arange(8, dtype=np.int32)[None], *both_tables(), EDGE_ENDS, NUDGE
-    vertices, triangles = map(np.asarray, _kernels.marching_cubes(*args))
-    np.testing.assert_allclose(np.sort(vertices.sum(axis=1)), NUDGE)
+    args = values, nodes, np.arange(8, dtype=np.int32)[None], *both_tables(), EDGE_ENDS, NUDGES
+    vertices, triangles, *_ = map(np.asarray, _kernels.marching_cubes(*args))
+    np.testing.assert_allclose(np.sort(vertices.sum(axis=1)), NUDGES[0])
     assert len(triangles) == 1
     np.testing.assert_allclose(reference.marching_cubes(*args)[0], vertices)
 
@@ -176,7 +176,7 @@ def wrong_calls():
     beyond[7, 2], below[0, 0] = len(vertices), -1
     cubes = np.arange(8, dtype=np.int32)[None]
     cube = np.zeros(8), np.zeros((8, 3))
-    tables = *both_tables(), EDGE_ENDS, NUDGE
+    tables = *both_tables(), EDGE_ENDS, NUDGES
     bad_table = both_tables()[0].copy()
     bad_table[0, 1, 0] = 16
     winding = _kernels.WindingTree(points, one)
