@@ -51,10 +51,11 @@ def import_open3d() -> Any:
             "(any other flavour of Open3D serves too)"
         ) from error
     except (ImportError, OSError) as error:
-        raise ImportError(
-            f"Open3D is installed but does not load ({error}); on Debian or Ubuntu type: "
-            "apt-get install libusb-1.0-0 libgl1 libegl1 libopengl0 libgomp1"
-        ) from error
+        advice = "on Debian or Ubuntu type: apt-get install libusb-1.0-0 libgl1 libegl1 libopengl0 "
+        advice += "libgomp1"
+        if "failed to map" in str(error):
+            advice = "there is too little memory for it, or nothing may run from its folder"
+        raise ImportError(f"Open3D is installed but does not load ({error}); {advice}") from error
     return open3d
 
 
@@ -64,12 +65,12 @@ def read_cloud(pcd: Any) -> CloudArrays:
     Parameters
     ----------
     pcd : open3d.geometry.PointCloud or open3d.t.geometry.PointCloud
-        The cloud; not changed. The arrays of a legacy cloud may share its memory.
+        The cloud; not changed.
 
     Returns
     -------
     CloudArrays
-        Coordinates and normals in float64.
+        Coordinates and normals in float64. Copies: who is called back may change the cloud.
 
     Raises
     ------
@@ -77,21 +78,13 @@ def read_cloud(pcd: Any) -> CloudArrays:
         ``pcd`` is no point cloud of Open3D.
     """
     if _is_tensor(pcd):
-        stored = {name: _to_host(pcd.point[name]) for name in pcd.point}
-        points = stored.pop("positions", np.zeros((0, 3)))
-        normals = stored.pop("normals", None)
-        return CloudArrays(
-            validation.check_array(points, "pcd"),
-            None if normals is None else validation.check_array(normals, "pcd.point.normals"),
-            stored,
-        )
-    points = validation.check_array(np.asarray(pcd.points), "pcd")
-    normals = None
+        return _checked({name: _to_host(pcd.point[name]) for name in pcd.point}, "pcd")
+    stored = {"positions": np.array(pcd.points)}
     if pcd.has_normals():
-        normals = validation.check_array(np.asarray(pcd.normals), "pcd.normals")
-    return CloudArrays(
-        points, normals, {"colors": np.asarray(pcd.colors)} if pcd.has_colors() else {}
-    )
+        stored["normals"] = np.array(pcd.normals)
+    if pcd.has_colors():
+        stored["colors"] = np.array(pcd.colors)
+    return _checked(stored, "pcd")
 
 
 def write_normals(pcd: Any, normals: NDArray[np.float64]) -> None:
@@ -103,9 +96,19 @@ def write_normals(pcd: Any, normals: NDArray[np.float64]) -> None:
         Changed in place. A tensor cloud gets the number type of its positions, on its device.
     normals : numpy.ndarray, shape (n, 3)
         One row per point.
+
+    Raises
+    ------
+    ValueError
+        ``pcd`` has another number of points.
     """
     o3d = import_open3d()
-    if _is_tensor(pcd):
+    tensor = _is_tensor(pcd)
+    held = pcd.point if tensor else {"positions": pcd.points}
+    count = len(held["positions"]) if "positions" in held else 0
+    if count != len(normals):
+        raise ValueError(f"pcd: changed since the call from {len(normals)} to {count} points")
+    if tensor:
         values = normals.astype(_float_type(pcd))
         pcd.point["normals"] = _to_device(o3d.core.Tensor(values), pcd.device)
     else:
@@ -132,7 +135,8 @@ def make_mesh(
     vertex_normals : numpy.ndarray, shape (m, 3)
         Unit vectors.
     attributes : mapping of str to numpy.ndarray, shape (m, k)
-        Further values per vertex; a legacy mesh can hold "colors" only.
+        Further values per vertex; a legacy mesh can hold "colors" only. Colours are shares of full
+        intensity, 0 to 1: Open3D takes those of its meshes for such, whatever their number type.
 
     Returns
     -------
@@ -197,21 +201,18 @@ def read_mesh(mesh: Any) -> tuple[CloudArrays, NDArray[np.int64]]:
     o3d = import_open3d()
     if isinstance(mesh, o3d.t.geometry.TriangleMesh):
         stored = {name: _to_host(mesh.vertex[name]) for name in mesh.vertex}
-        vertices = stored.pop("positions", np.zeros((0, 3)))
-        normals = stored.pop("normals", None)
         has_triangles = "indices" in mesh.triangle
         triangles = _to_host(mesh.triangle["indices"]) if has_triangles else np.zeros((0, 3))
     elif isinstance(mesh, o3d.geometry.TriangleMesh):
-        vertices = np.asarray(mesh.vertices)
-        normals = np.asarray(mesh.vertex_normals) if mesh.has_vertex_normals() else None
-        stored = {"colors": np.asarray(mesh.vertex_colors)} if mesh.has_vertex_colors() else {}
+        stored = {"positions": np.array(mesh.vertices)}
+        if mesh.has_vertex_normals():
+            stored["normals"] = np.array(mesh.vertex_normals)
+        if mesh.has_vertex_colors():
+            stored["colors"] = np.array(mesh.vertex_colors)
         triangles = np.asarray(mesh.triangles)
     else:
         raise ValueError(f"mesh: expected an Open3D TriangleMesh, got {type(mesh).__name__}")
-    if normals is not None:
-        normals = validation.check_array(normals, "mesh: vertex normals")
-    arrays = CloudArrays(validation.check_array(vertices, "mesh: vertices"), normals, stored)
-    return arrays, triangles.astype(np.int64)
+    return _checked(stored, "mesh"), triangles.astype(np.int64)
 
 
 def read_search_param(search_param: Any) -> tuple[int | None, float | None]:
@@ -254,13 +255,21 @@ def make_search_param(max_nn: int | None, radius: float | None) -> Any:
         return None
     geometry = import_open3d().geometry
     # Open3D's classes would take a negative number for a huge one.
-    validation.check_integer(max_nn, "max_nn", validation.MIN_NEIGHBORS, 2**31 - 1)
+    validation.check_integer(max_nn, "max_nn", validation.MIN_NEIGHBORS)
     validation.check_positive(radius, "radius")
     if radius is None:
         return geometry.KDTreeSearchParamKNN(max_nn)
     if max_nn is None:
         return geometry.KDTreeSearchParamRadius(radius)
     return geometry.KDTreeSearchParamHybrid(radius, max_nn)
+
+
+def _checked(stored: dict[str, NDArray[Any]], name: str) -> CloudArrays:
+    """Return what is stored per point of the argument ``name``."""
+    points = validation.check_array(stored.pop("positions", np.zeros((0, 3))), name)
+    normals = stored.pop("normals", None)
+    checked = None if normals is None else validation.check_array(normals, f"{name}: normals")
+    return CloudArrays(points, checked, stored)
 
 
 def _is_tensor(pcd: Any) -> bool:
@@ -278,12 +287,12 @@ def _is_tensor(pcd: Any) -> bool:
 def _float_type(pcd: Any) -> type[np.floating[Any]]:
     """Return the number type for coordinates that belong to the tensor cloud ``pcd``."""
     single = import_open3d().core.float32
-    return np.float32 if pcd.point["positions"].dtype == single else np.float64
+    is_single = "positions" in pcd.point and pcd.point["positions"].dtype == single
+    return np.float32 if is_single else np.float64
 
 
 def _to_host(tensor: Any) -> NDArray[Any]:
-    array: NDArray[Any] = tensor.cpu().numpy()
-    return array
+    return np.array(tensor.cpu().numpy())  # a copy
 
 
 def _to_device(tensor: Any, device: Any) -> Any:

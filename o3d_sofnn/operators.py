@@ -87,6 +87,7 @@ def estimate_normals(
     An empty cloud is returned unchanged with a warning in the log, as Open3D does.
     """
     cloud = adapters.read_cloud(pcd)
+    return_details = validation.check_flag(return_details, "return_details")
     max_nn, radius = adapters.read_search_param(search_param)
     options = Options.checked(
         len(cloud.points),
@@ -182,6 +183,7 @@ def reconstruct_surface(
         Open3D is missing; the message says what to type.
     """
     cloud = adapters.read_cloud(pcd)
+    return_details = validation.check_flag(return_details, "return_details")
     max_nn, radius = adapters.read_search_param(search_param)
     options = Options.checked(
         len(cloud.points),
@@ -223,7 +225,7 @@ def reconstruct_surface(
 def _progress(print_progress: bool | ProgressCallback) -> Iterator[ProgressCallback | None]:
     if callable(print_progress):
         yield print_progress
-    elif print_progress:
+    elif validation.check_flag(print_progress, "print_progress", "True, False or a callable"):
         with contextlib.closing(ProgressBar()) as bar:
             yield bar
     else:

@@ -82,7 +82,9 @@ class Options:
         given = cls(**fields)
         validation.check_exclusive(depth=given.depth, voxel_size=given.voxel_size)
         validation.check_exclusive(
-            use_normals=use_normals or None, viewpoint=given.viewpoint, towards=given.towards
+            use_normals=validation.check_flag(use_normals, "use_normals") or None,
+            viewpoint=given.viewpoint,
+            towards=given.towards,
         )
         return cls(
             max_nn=validation.check_integer(given.max_nn, "max_nn", validation.MIN_NEIGHBORS),

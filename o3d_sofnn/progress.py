@@ -5,8 +5,7 @@ from __future__ import annotations
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal, Protocol, TextIO
 
@@ -37,7 +36,8 @@ class ProgressBar:
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:
-        self._stream = sys.stderr if stream is None else stream
+        # Without a console there is no standard error stream, and nothing is drawn.
+        self._stream: TextIO | None = sys.stderr if stream is None else stream
         self._shown: tuple[int, str] | None = None
 
     def __call__(self, fraction: float, text: str) -> None:
@@ -49,17 +49,24 @@ class ProgressBar:
         columns = shutil.get_terminal_size().columns
         width = max(10, min(40, columns - 40))
         filled = width * state[0] // 100
-        line = f"[{'#' * filled}{'.' * (width - filled)}] {state[0]:3d} % {text}"
+        line = f"[{'#' * filled}{'.' * (width - filled)}] {state[0]:3d} % {printable(text)}"
         # Erase to the end of the line, so that a shorter text leaves nothing of a longer one.
-        self._stream.write(f"\r{line[: columns - 1]}\x1b[K")
-        self._stream.flush()
+        self._write(f"\r{line[: columns - 1]}\x1b[K")
 
     def close(self) -> None:
         """End the line."""
         if self._shown is not None:
-            self._stream.write("\n")
-            self._stream.flush()
+            self._write("\n")
             self._shown = None
+
+    def _write(self, text: str) -> None:
+        if self._stream is None:
+            return
+        try:
+            self._stream.write(text)
+            self._stream.flush()
+        except (OSError, ValueError):  # a terminal that is gone, or a stream that is closed
+            self._stream = None  # the work is worth more than its bar
 
 
 class PlainProgress:
@@ -77,7 +84,7 @@ class PlainProgress:
 
     def __call__(self, fraction: float, text: str) -> None:
         """Write one line when the percentage or the text has changed."""
-        state = (max(_percent(fraction), self._shown[0]), " ".join(text.split()))
+        state = (max(_percent(fraction), self._shown[0]), printable(text))
         if state != self._shown:
             self._shown = state
             self._stream.write(f"PROGRESS {state[0]} {state[1]}\n")
@@ -112,7 +119,7 @@ def make_progress(mode: ProgressMode) -> Progress:
     """
     if mode == "plain":
         return PlainProgress()
-    if mode == "bar" or (mode == "auto" and sys.stderr.isatty()):
+    if mode == "bar" or (mode == "auto" and sys.stderr is not None and sys.stderr.isatty()):
         return ProgressBar()
     return NoProgress()
 
@@ -124,6 +131,17 @@ def rescale(progress: ProgressCallback, start: float, stop: float) -> ProgressCa
         progress(start + (stop - start) * fraction, text)
 
     return report
+
+
+def printable(text: str) -> str:
+    """Return ``text`` on one line, with escapes for what a terminal would obey or cannot show.
+
+    Names of files may hold control characters, and bytes that are no text at all.
+    """
+    return "".join(
+        letter if letter.isprintable() else letter.encode("unicode_escape").decode("ascii")
+        for letter in " ".join(text.split())
+    )
 
 
 def _percent(fraction: float) -> int:
@@ -155,18 +173,31 @@ class Clock:
     seconds: dict[str, float] = field(default_factory=dict)
     _done: float = 0.0
 
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
+    def stage(self, name: str) -> _Stage:
         """Announce a stage, and add the time of the block to it; a stage may come again."""
-        before = [0.0, *STAGES.values()][list(STAGES).index(name)]
-        self._done = max(self._done, before)
-        if self.progress:
-            self.progress(self._done, name)
-        start = time.perf_counter()
-        yield
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+        return _Stage(self, name)
 
     def finish(self) -> None:
         """Announce the end."""
         if self.progress:
             self.progress(1.0, "done")
+
+
+@dataclass
+class _Stage:
+    # No generator: in one, the StopIteration of a callback would become a RuntimeError.
+    clock: Clock
+    name: str
+    start: float = 0.0
+
+    def __enter__(self) -> None:
+        before = [0.0, *STAGES.values()][list(STAGES).index(self.name)]
+        self.clock._done = max(self.clock._done, before)
+        if self.clock.progress:
+            self.clock.progress(self.clock._done, self.name)
+        self.start = time.perf_counter()
+
+    def __exit__(self, failed: type[BaseException] | None, *_: object) -> None:
+        if failed is None:
+            taken = time.perf_counter() - self.start
+            self.clock.seconds[self.name] = self.clock.seconds.get(self.name, 0.0) + taken

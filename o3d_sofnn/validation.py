@@ -16,6 +16,11 @@ MIN_NEIGHBORS = 6
 MAX_DEPTH = 16
 # Sixth powers of lengths, as in the normal equations of a quadric, stay representable.
 _LARGEST = 1e50
+# Native code counts with 32 bits.
+LARGEST = 2**31 - 1
+_MOST_THREADS = 256
+# Letters of a value in a message.
+_LINE = 80
 
 
 def check_points(points: ArrayLike, name: str = "points") -> NDArray[np.float64]:
@@ -115,12 +120,9 @@ def check_vector(value: ArrayLike | None, name: str) -> NDArray[np.float64] | No
     """
     if value is None:
         return None
-    try:
-        vector = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name}: expected three numbers, got {value!r}") from None
+    vector = _real_array(value, name, "three numbers")
     if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise ValueError(f"{name}: expected three finite numbers, got {value!r}")
+        raise ValueError(f"{name}: expected three finite numbers, got {shown(value)}")
     return vector
 
 
@@ -134,18 +136,19 @@ def check_viewpoint(
     ValueError
         Neither three finite numbers nor three for each point.
     """
-    try:
-        places = None if value is None else np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        places = None
-    if places is None or places.ndim != 2:
-        return check_vector(value, name)
-    if places.shape != (n_points, 3):
+    if value is None:
+        return None
+    places = _real_array(value, name, "three numbers")
+    if places.ndim != 2:
+        check_vector(value, name)
+    elif places.shape != (n_points, 3):
         raise ValueError(f"{name}: expected shape (3,) or ({n_points}, 3), got {places.shape}")
-    if not np.isfinite(places).all():
+    elif not np.isfinite(places).all():
         bad = int((~finite_rows(places)).sum())
         raise ValueError(f"{name}: expected finite numbers, got {bad} rows with NaN or inf")
-    return np.ascontiguousarray(places)
+    if np.abs(places).max(initial=0.0) > _LARGEST:
+        raise ValueError(f"{name}: expected coordinates below {_LARGEST:g}, got {shown(value)}")
+    return places
 
 
 def check_direction(value: ArrayLike | None, name: str) -> NDArray[np.float64] | None:
@@ -162,13 +165,13 @@ def check_direction(value: ArrayLike | None, name: str) -> NDArray[np.float64] |
     # Dividing by the largest entry first keeps very long and very short vectors representable.
     largest = np.abs(vector).max()
     if largest == 0:
-        raise ValueError(f"{name}: expected a direction other than zero, got {value!r}")
+        raise ValueError(f"{name}: expected a direction other than zero, got {shown(value)}")
     vector = vector / largest
     unit: NDArray[np.float64] = vector / np.linalg.norm(vector)
     return unit
 
 
-def check_integer(value: Any, name: str, minimum: int, maximum: int | None = None) -> int | None:
+def check_integer(value: Any, name: str, minimum: int, maximum: int = LARGEST) -> int | None:
     """Return ``value`` as an int within [minimum, maximum], or None.
 
     Raises
@@ -178,16 +181,13 @@ def check_integer(value: Any, name: str, minimum: int, maximum: int | None = Non
     """
     if value is None:
         return None
-    expected = f"an integer >= {minimum}"
-    if maximum is not None:
-        expected = f"an integer from {minimum} to {maximum}"
+    expected = f"an integer from {minimum} to {maximum}"
     try:
         number = operator.index(value)
-    except TypeError:
-        raise ValueError(f"{name}: expected {expected}, got {value!r}") from None
-    outside = number < minimum or (maximum is not None and number > maximum)
-    if isinstance(value, bool) or outside:
-        raise ValueError(f"{name}: expected {expected}, got {value!r}")
+    except Exception:
+        raise ValueError(f"{name}: expected {expected}, got {shown(value)}") from None
+    if isinstance(value, bool) or not minimum <= number <= maximum:
+        raise ValueError(f"{name}: expected {expected}, got {shown(value)}")
     return number
 
 
@@ -201,21 +201,7 @@ def check_positive(value: Any, name: str) -> float | None:
     """
     number = _real(value, name, "a number above 0")
     if number is not None and not 0 < number < np.inf:
-        raise ValueError(f"{name}: expected a finite number above 0, got {value!r}")
-    return number
-
-
-def check_fraction(value: Any, name: str) -> float | None:
-    """Return ``value`` as a float within [0, 1], or None.
-
-    Raises
-    ------
-    ValueError
-        Not a real number, or outside [0, 1].
-    """
-    number = _real(value, name, "a number from 0 to 1")
-    if number is not None and not 0 <= number <= 1:
-        raise ValueError(f"{name}: expected a number from 0 to 1, got {value!r}")
+        raise ValueError(f"{name}: expected a finite number above 0, got {shown(value)}")
     return number
 
 
@@ -227,11 +213,13 @@ def check_trim(value: Any) -> float | Literal["auto"] | None:
     ValueError
         Anything else.
     """
-    if isinstance(value, str):
-        if value != "auto":
-            raise ValueError(f'trim: expected a number from 0 to 1 or "auto", got {value!r}')
+    if isinstance(value, str) and value == "auto":
         return "auto"
-    return check_fraction(value, "trim")
+    expected = 'a number from 0 to 1 or "auto"'
+    number = _real(value, "trim", expected)
+    if number is not None and not 0 <= number <= 1:
+        raise ValueError(f"trim: expected {expected}, got {shown(value)}")
+    return number
 
 
 def check_n_threads(value: Any) -> int:
@@ -244,8 +232,21 @@ def check_n_threads(value: Any) -> int:
     """
     number = check_integer(value, "n_threads", -1)
     if number is None or number == 0:
-        raise ValueError(f"n_threads: expected -1 (all cores) or at least 1, got {value!r}")
+        raise ValueError(f"n_threads: expected -1 (all cores) or at least 1, got {shown(value)}")
     return number
+
+
+def check_flag(value: Any, name: str, expected: str = "True or False") -> bool:
+    """Return ``value`` as a bool; numbers that are not 0 or 1, texts and arrays are no flags.
+
+    Raises
+    ------
+    ValueError
+        Neither True nor False.
+    """
+    if isinstance(value, (bool, int, np.bool_, np.integer)) and value in (0, 1):
+        return bool(value)
+    raise ValueError(f"{name}: expected {expected}, got {shown(value)}")
 
 
 def check_exclusive(**options: Any) -> None:
@@ -255,19 +256,41 @@ def check_exclusive(**options: Any) -> None:
         raise ValueError(f"{' and '.join(given)}: expected at most one of them, got both")
 
 
+def shown(value: Any) -> str:
+    """Return what a message says of a value: one line, not too long, whatever the value is."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # an integer with too many digits, or a class whose text fails
+        return f"a value of type {type(value).__name__}"
+    return text if len(text) <= _LINE else f"{text[: _LINE - 3]}..."
+
+
 def _real(value: Any, name: str, expected: str) -> float | None:
     if value is None:
         return None
+    number = _real_array(value, name, expected)
+    if number.ndim or isinstance(value, (bool, np.bool_)):
+        raise ValueError(f"{name}: expected {expected}, got {shown(value)}")
+    return float(number)
+
+
+def _real_array(value: Any, name: str, expected: str) -> NDArray[np.float64]:
+    """Return a new array: a caller's may change during the call. Too large is infinite."""
     try:
-        if isinstance(value, (bool, str)):
+        array = np.asarray(value)
+        # Integers of any length and fractions are objects.
+        if array.dtype.kind not in "fiubO":
             raise TypeError
-        return float(value)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name}: expected {expected}, got {value!r}") from None
+        with np.errstate(over="ignore"):
+            return np.array(array, dtype=np.float64, order="C")
+    except OverflowError:
+        return np.full(np.shape(array), np.inf)
+    except Exception:  # a class may raise anything
+        raise ValueError(f"{name}: expected {expected}, got {shown(value)}") from None
 
 
 def thread_count(n_threads: int) -> int:
-    """Return how many threads to start."""
+    """Return how many threads to start: more than there are cores only cost memory."""
     if n_threads > 0:
-        return n_threads
+        return min(n_threads, _MOST_THREADS)
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -56,15 +56,15 @@ def attribute_weights(
 def carry(
     details: SurfaceEstimate, attributes: Mapping[str, NDArray[Any]]
 ) -> dict[str, NDArray[Any]]:
-    """Bring values per point to the vertices, in their number type.
+    """Bring values per point to the vertices, in their number type; colours become shares.
 
     Parameters
     ----------
     details : SurfaceEstimate
         Of n points, with m vertices.
     attributes : mapping of str to (n, ...) array
-        Colours and floating-point values are blended; of others (labels) that of the point with the
-        largest weight is taken.
+        Colours (as :func:`color_shares`) and floating-point values are blended; of others (labels)
+        that of the point with the largest weight is taken.
 
     Returns
     -------
@@ -75,17 +75,32 @@ def carry(
     weights = details.source_weights
     carried = {}
     for name, values in attributes.items():
-        if values.dtype.kind == "f" or name == "colors":
+        values = color_shares(values) if name == "colors" else values
+        if values.dtype.kind == "f":
             flat = values.reshape(len(values), -1).astype(np.float64)
             blended = (weights @ flat).reshape(-1, *values.shape[1:])
             # Rounding may leave the range of the blended values, 1 for full intensity.
             blended = blended.clip(np.fmin.reduce(values), np.fmax.reduce(values))
-            if values.dtype.kind != "f":
-                blended = np.rint(blended)
             carried[name] = blended.astype(values.dtype)
         else:
             carried[name] = values[_heaviest(weights)]
     return carried
+
+
+def color_shares(colors: NDArray[Any]) -> NDArray[np.floating[Any]]:
+    """Return colours as shares of full intensity, 0 to 1; those in floating point are such.
+
+    Parameters
+    ----------
+    colors : (n, k) array
+        Integers are levels of 8 bits, or of 16 bits where the type or a value says so.
+    """
+    if colors.dtype.kind == "f":
+        return colors
+    full = 1.0 if colors.dtype.kind == "b" else 255.0
+    if colors.dtype == np.uint16 or colors.max(initial=0) > full:
+        full = 65535.0
+    return (colors / full).astype(np.float32)
 
 
 def _heaviest(weights: scipy.sparse.csr_matrix) -> NDArray[np.intp]:

@@ -11,6 +11,7 @@ from mesh_checks import assert_valid_mesh
 
 import o3d_sofnn
 from o3d_sofnn import adapters
+from o3d_sofnn.files import point_files
 
 o3d = pytest.importorskip("open3d")
 
@@ -94,8 +95,7 @@ def test_attributes_of_tensor_clouds_survive(rich_cloud):
 def test_attributes_of_tensor_clouds_reach_the_mesh(rich_cloud):
     mesh = o3d_sofnn.reconstruct_surface(rich_cloud)
     height = mesh.vertex["positions"].numpy()[:, 2]
-    assert mesh.vertex["colors"].dtype == o3d.core.uint8
-    assert (mesh.vertex["colors"].numpy() == [255, 128, 0]).all()
+    assert np.allclose(mesh.vertex["colors"].numpy(), np.array([255, 128, 0]) / 255)
     assert mesh.vertex["height"].dtype == o3d.core.float32
     assert np.abs(mesh.vertex["height"].numpy()[:, 0] - height).max() < 0.3
     assert mesh.vertex["side"].dtype == o3d.core.int64
@@ -203,14 +203,24 @@ def test_a_bar_is_drawn_on_request(shape, make_cloud, capfd):
     assert err.endswith("\n")
 
 
-def test_what_the_progress_raises_arrives(shape, family, make_cloud, normals_of):
-    def stop(fraction, text):
-        raise KeyboardInterrupt
-
-    cloud = make_cloud(shape.points, family)
-    with pytest.raises(KeyboardInterrupt):
-        o3d_sofnn.estimate_normals(cloud, print_progress=stop)
-    assert normals_of(cloud) is None
+@pytest.mark.parametrize(
+    ("kind", "full"),
+    [(np.uint8, 255), (np.uint16, 65535), (np.int32, 255), (np.float32, 1), (np.float64, 1)],
+)
+def test_colors_of_the_mesh_are_those_of_the_cloud(shape, make_cloud, tmp_path, kind, full):
+    wanted = np.array([200.0, 100.0, 30.0]) / 255
+    # Half of the points a little darker, half of them a little brighter.
+    shares = wanted + 0.1 * np.sign(shape.points[:, 2:])
+    colors = (shares * full).round(0 if full > 1 else 9).astype(kind)
+    mesh = o3d_sofnn.reconstruct_surface(make_cloud(shape.points, "tensor", colors=colors))
+    o3d.t.io.write_triangle_mesh(str(tmp_path / "theirs.ply"), mesh)
+    point_files.write_triangle_mesh(tmp_path / "ours.ply", mesh)
+    for found in (
+        mesh.to_legacy(),
+        o3d.io.read_triangle_mesh(str(tmp_path / "theirs.ply")),
+        o3d.io.read_triangle_mesh(str(tmp_path / "ours.ply")),
+    ):
+        assert np.abs(np.asarray(found.vertex_colors).mean(axis=0) - wanted).max() < 1 / 255
 
 
 def test_viewpoint_and_direction_decide_the_side(make_cloud, normals_of):
