@@ -14,7 +14,7 @@ from pathlib import Path
 import demo
 import inputs
 
-from o3d_sofnn.compare import command
+from o3d_sofnn.cli import comparison
 from o3d_sofnn.compare.cases import Model, Source
 from o3d_sofnn.progress import make_progress
 
@@ -25,12 +25,12 @@ def main() -> int:
     """Compare; 0 when this package succeeded on every cloud, 1 when not, 130 after Ctrl-C."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("input", nargs="*", type=Path, metavar="IN", help="scans, closed meshes")
-    command.add_options(parser, demo.HERE / "output" / "compare")
+    comparison.add_options(parser, demo.HERE / "output" / "compare")
     args = parser.parse_args()
     mode = "bar" if sys.stderr.isatty() else "plain"
     with contextlib.closing(make_progress(mode)) as progress:
         try:
-            return command.run(args, progress, _inputs(args.quick))
+            return comparison.run(args, progress, _inputs(args.quick))
         except KeyboardInterrupt:
             return 130
         except ValueError as error:

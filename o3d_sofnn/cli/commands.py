@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import json
 import logging
+import os
 import sys
 import time
 from collections.abc import Iterator
@@ -27,6 +28,45 @@ _READ_DONE = 0.05
 
 
 _WRITE_STARTS = 0.95
+
+
+# Python with NumPy, SciPy and Open3D maps some 500 MB before it has done anything. With less, or
+# with threads for which there is no room, OpenBLAS ends the process or spins while it is loaded.
+_LEAST_MEMORY = 512 * 2**20
+
+
+def load(command: str) -> None:
+    """Import what a command needs: in one place, because it takes seconds and signals must wait.
+
+    Raises
+    ------
+    ImportError
+        Open3D is missing; the message says what to type.
+    MemoryError
+        This process may not have what the libraries alone take.
+    """
+    limit = _memory_limit()
+    if limit is not None:
+        if limit < _LEAST_MEMORY:
+            raise MemoryError(
+                f"{limit >> 20} MB are allowed, {_LEAST_MEMORY >> 20} MB are needed to begin with"
+            )
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from o3d_sofnn import adapters, operators  # noqa: F401
+
+    if command == "compare":
+        from o3d_sofnn.compare import run  # noqa: F401
+    adapters.import_open3d()
+
+
+def _memory_limit() -> int | None:
+    """Return the most address space that this process may have, in bytes."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    return None if limit == resource.RLIM_INFINITY else limit
 
 
 def run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -52,8 +92,7 @@ def run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         The output cannot be written.
     """
     started = time.perf_counter()
-    progress(0.0, "load")
-    # Imported here: --help and bad options answer at once, and Ctrl-C during the import is caught.
+    # Imported here: --help and bad options answer at once.
     from o3d_sofnn import adapters
     from o3d_sofnn.files import point_files
 
@@ -63,6 +102,8 @@ def run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     point_files.check_output(
         args.output, point_files.MESH_OUTPUTS if mesh_wanted else point_files.CLOUD_OUTPUTS
     )
+    if args.json == "-":
+        sys.stdout.write("")  # says so now if the stream is closed
     for report_file in reports:
         point_files.check_output(report_file, ())
     options = {

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
+import itertools
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -21,6 +24,8 @@ Array = NDArray[Any]
 
 MESHES = (".ply", ".obj", ".off", ".stl", ".gltf", ".glb")
 """Endings of files that may hold triangles."""
+LONGEST = 120
+"""Bytes of an input's name in the names of its pictures; these may have 255 with all the rest."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +54,9 @@ class Case:
 
     @property
     def name(self) -> str:
-        """Return a name that can be part of a file's name."""
+        """Return a name that can be part of a file's name: long ones are cut."""
         noise = "" if self.noise is None else f"-noise-{self.noise:g}"
-        return f"{self.input}-{len(self.points)}{noise}"
+        return f"{_cut(self.input)}-{len(self.points)}{noise}"
 
     @property
     def title(self) -> str:
@@ -119,12 +124,12 @@ def sources(files: Sequence[Path], view: View, clouds_only: bool) -> list[Source
     clouds_only : bool
         Whether also the vertices of a closed mesh are taken for a scan.
     """
-    found: list[Source] = []
+    found: dict[str, Source] = {}
     for file in files:
-        taken = sum(source.name.split("~")[0] == file.stem for source in found)
-        name = f"{file.stem}~{taken + 1}" if taken else file.stem
-        found.append(Source(name, partial(read, file, clouds_only), view))
-    return found
+        numbered = (f"{file.stem}~{number}" for number in itertools.count(2))
+        name = next(name for name in itertools.chain([file.stem], numbered) if name not in found)
+        found[name] = Source(name, partial(read, file, clouds_only), view)
+    return list(found.values())
 
 
 def read(file: Path, clouds_only: bool = False) -> Array | Model:
@@ -183,6 +188,13 @@ def cases(source: Source, ladder: Ladder) -> Iterator[Case]:
 def count(source: Source, ladder: Ladder) -> int:
     """Return the most clouds that an input can have, before it is read."""
     return max(len(set(ladder.noise)) + len(set(ladder.sizes) - {ladder.points}), 1)
+
+
+def _cut(name: str) -> str:
+    data = os.fsencode(name)
+    if len(data) <= LONGEST:
+        return name
+    return f"{data[:LONGEST].decode(errors='ignore')}~{hashlib.sha256(data).hexdigest()[:8]}"
 
 
 def _drawn(source: Source, model: Model, count: int, noise: float) -> Case:

@@ -16,7 +16,6 @@ from o3d_sofnn.compare import colors, measure, peers, raster
 from o3d_sofnn.compare.cases import Case
 from o3d_sofnn.compare.isolated import peak_mb
 from o3d_sofnn.compare.peers import Mesh
-from o3d_sofnn.compare.png import encode_png
 
 Array = NDArray[Any]
 
@@ -116,7 +115,7 @@ def before(case: Case) -> Look:
     pale = raster.draw_points(
         frame, case.points, raster.depth_colors(frame, case.points), opaque=False
     )
-    pictures = {"surface": encode_png(pale), **_normal_pictures(case, normals)}
+    pictures = {"surface": raster.encode_png(pale), **_normal_pictures(case, normals)}
     flipped = _flipped(case, normals)
     return Look(
         points,
@@ -151,7 +150,7 @@ def _look(case: Case, mesh: Mesh, triangles: int) -> Look:
     surface = raster.draw_mesh(
         frame, mesh.vertices, mesh.triangles, colors.heat_colors(errors, 1.0)
     )
-    pictures = {"surface": encode_png(surface)}
+    pictures = {"surface": raster.encode_png(surface)}
     simple = peers.simplify(mesh, triangles)
     nearest = cKDTree(mesh.vertices).query(simple.vertices)[1]
     chosen = dots(case)
@@ -199,7 +198,7 @@ def _normal_pictures(case: Case, normals: Array) -> dict[str, bytes]:
     if flipped is not None:
         found["flipped"] = colors.side_colors(flipped)
     return {
-        name: encode_png(raster.draw_points(frame, case.points, color, opaque=True))
+        name: raster.encode_png(raster.draw_points(frame, case.points, color, opaque=True))
         for name, color in found.items()
     }
 

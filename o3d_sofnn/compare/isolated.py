@@ -18,6 +18,8 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
+_ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -82,7 +84,7 @@ def call(
     Raises
     ------
     KeyboardInterrupt
-        After Ctrl-C or SIGTERM; the process is ended.
+        After Ctrl-C, SIGTERM or SIGHUP; the process is ended.
     """
     # A new interpreter: threads and graphics contexts do not survive a fork.
     context = multiprocessing.get_context("spawn")
@@ -111,19 +113,20 @@ def call(
 
 @contextlib.contextmanager
 def _heeding_termination() -> Iterator[None]:
-    """Take SIGTERM for Ctrl-C: by default it would end this process alone, and leave the other."""
+    """Take these for Ctrl-C: by default they would end this process alone, and leave the other."""
 
     def interrupt(number: int, frame: object) -> None:
         raise KeyboardInterrupt
 
-    if signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
-        yield  # somebody else decides what it means
-        return
-    signal.signal(signal.SIGTERM, interrupt)
+    # Where somebody else decides what they mean, it stays so.
+    taken = [number for number in _ENDING if signal.getsignal(number) is signal.SIG_DFL]
+    for number in taken:
+        signal.signal(number, interrupt)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        for number in taken:
+            signal.signal(number, signal.SIG_DFL)
 
 
 @contextlib.contextmanager
@@ -136,7 +139,8 @@ def _deaf_to_signals() -> Iterator[None]:
     heard: list[int] = []
     handlers = {
         number: signal.signal(number, lambda number, frame: heard.append(number))
-        for number in (signal.SIGINT, signal.SIGTERM)
+        for number in (signal.SIGINT, *_ENDING)
+        if signal.getsignal(number) is not None  # set in C: it could not be put back
     }
     blocked = hasattr(signal, "pthread_sigmask")
     if blocked:
@@ -150,8 +154,8 @@ def _deaf_to_signals() -> Iterator[None]:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         for number, handler in handlers.items():
             signal.signal(number, handler)
-    if heard:
-        raise KeyboardInterrupt
+    for number in heard:
+        signal.raise_signal(number)
 
 
 def _child(

@@ -44,6 +44,9 @@ FIGURES = {
     "flipped": "flipped normals, %",
 }
 """Columns and their titles; distances are in thousandths of the diagonal."""
+YES_OR_NO = ("watertight", "manifold")
+WHOLE = ("triangles", "components", "holes", "runs", "failed", "peak_mb", "points")
+"""Those that are true or false, and those without decimals."""
 
 
 def figures(points: Array, mesh: Mesh, truth: Truth | None, count: int) -> dict[str, float]:
@@ -99,6 +102,15 @@ def figures(points: Array, mesh: Mesh, truth: Truth | None, count: int) -> dict[
         if mesh.normals is not None:
             found["flipped"] = 100.0 * mesh_properties.flipped_fraction(mesh.normals, truth.normals)
     return {key: float(value) for key, value in found.items()}
+
+
+def show(key: str, value: float) -> str:
+    """Return a figure as people read it."""
+    if key in YES_OR_NO:
+        return {0.0: "no", 1.0: "yes"}.get(value, f"{100 * value:.0f} %")
+    if key in WHOLE:
+        return f"{value:,.0f}"
+    return f"{value:.3g}" if abs(value) < 100 else f"{value:.0f}"
 
 
 def distances(x: Array, vertices: Array, triangles: Array) -> tuple[Array, Array]:

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import html
 import json
+import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 from statistics import median
 from typing import Any
 
-from o3d_sofnn.compare import charts, colors, panes
-from o3d_sofnn.compare.evaluate import METHODS, WORST, Look
-from o3d_sofnn.compare.measure import FIGURES
-from o3d_sofnn.compare.raster import View
+from o3d_sofnn.compare import charts, colors
+from o3d_sofnn.compare.evaluate import METHODS, WORST
+from o3d_sofnn.compare.measure import FIGURES, YES_OR_NO, show
+from o3d_sofnn.compare.scene import Scene, pack
+from o3d_sofnn.files.point_files import open_atomic
 
 Row = dict[str, Any]
 
@@ -36,45 +39,7 @@ SMALLER_IS_BETTER = {
     *("seconds", "peak_mb", "input_mean", "input_max", "chamfer", "hausdorff", "flipped")
 }
 LARGER_IS_BETTER = {"f_score", "normal_consistency"}
-YES_OR_NO = ("watertight", "manifold")
-WHOLE = ("triangles", "components", "holes", "runs", "failed", "peak_mb", "points")
 TEXTS = ("input", "method")
-
-
-@dataclass(frozen=True)
-class Scene:
-    """What there is to see of one cloud.
-
-    Attributes
-    ----------
-    title : str
-        Of the cloud.
-    view : View
-        From where it is seen first.
-    looks : dict of str to Look
-        Of the methods, and of the "input".
-    errors : dict of str to str
-        Messages of the methods that failed.
-    facts : dict of str to str
-        A few figures of the others.
-    """
-
-    title: str
-    view: View
-    looks: dict[str, Look] = field(default_factory=dict)
-    errors: dict[str, str] = field(default_factory=dict)
-    facts: dict[str, str] = field(default_factory=dict)
-
-    def add(self, row: Row, look: Look | None) -> None:
-        """Take the result of a method."""
-        if look is None:
-            self.errors[row["method"]] = row["error"]
-            return
-        key = "input_mean" if row.get("chamfer") is None else "chamfer"
-        self.looks[row["method"]] = look
-        self.facts[row["method"]] = (
-            f"{show('seconds', row['seconds'])} s, {FIGURES[key]} {show(key, row[key])}"
-        )
 
 
 def write(path: Path, rows: list[Row], scenes: list[Scene], note: str = "") -> None:
@@ -90,16 +55,27 @@ def write(path: Path, rows: list[Row], scenes: list[Scene], note: str = "") -> N
         For the panes.
     note : str, default ""
         A sentence above everything.
+
+    Raises
+    ------
+    OSError
+        A file cannot be written; the message names it.
     """
     methods = _methods(rows)
     drawn = {chart: charts.draw(chart, rows, list(METHODS), TITLES) for chart in charts.CHARTS}
     for chart, svg in drawn.items():
         if svg:
-            file = path.with_name(f"{chart.name}.svg")
-            file.write_text(_standalone(svg), encoding="utf-8")
+            save(path.with_name(f"{chart.name}.svg"), _standalone(svg))
     figures = [key for key in FIGURES if any(row.get(key) is not None for row in rows)]
+    heat = ", ".join(f"rgb{color}" for color in colors.HEAT)
+    own = {
+        "style": _filled(_asset("report.css"), {"heat": heat}),
+        "viewer": _asset("viewer.js"),
+        "script": _asset("report.js"),
+    }
     parts = {
-        "style": _asset("report.css"),
+        **own,
+        "policy": html.escape(_policy([own["style"]], [own["viewer"], own["script"]])),
         "note": f'<p class="note">{html.escape(note)}</p>' if note else "",
         "failures": _failures(rows),
         "legend": "".join(
@@ -114,19 +90,43 @@ def write(path: Path, rows: list[Row], scenes: list[Scene], note: str = "") -> N
         ),
         "summary": _table("summary", ["method", "runs", "failed", *figures], summarise(rows)),
         "results": _table("results", ["method", "input", "points", "noise", *figures], rows),
-        "heat": ", ".join(f"rgb{color}" for color in colors.HEAT),
         "worst": f"{1000 * WORST:g}",
         "scenes": json.dumps(
-            {"heat": colors.HEAT, "scenes": [panes.pack(scene, TITLES) for scene in scenes]},
+            {"heat": colors.HEAT, "scenes": [pack(scene, TITLES) for scene in scenes]},
             separators=(",", ":"),
         ).replace("<", "\\u003c"),
-        "viewer": _asset("viewer.js"),
-        "script": _asset("report.js"),
     }
-    page = _asset("report.html")
-    for name, text in parts.items():
-        page = page.replace("{{" + name + "}}", text)
-    path.write_text(page, encoding="utf-8")
+    save(path, _filled(_asset("report.html"), parts))
+
+
+def save(path: Path, data: bytes | str) -> None:
+    """Write a file whole or not at all; what UTF-8 cannot hold of a file's name is escaped.
+
+    Raises
+    ------
+    OSError
+        The message names the file.
+    """
+    with open_atomic(path) as stream:
+        stream.write(data.encode("utf-8", "backslashreplace") if isinstance(data, str) else data)
+
+
+def _filled(template: str, parts: dict[str, str]) -> str:
+    """Fill all places ``{{name}}`` at once: braces in a part, say a file's name, are text."""
+    return re.sub(r"\{\{(\w+)\}\}", lambda place: parts[place[1]], template)
+
+
+def _policy(styles: list[str], scripts: list[str]) -> str:
+    """Return a content security policy: nothing runs but these, nothing is fetched or sent."""
+
+    def hashes(texts: list[str]) -> str:
+        digests = (hashlib.sha256(text.encode()).digest() for text in texts)
+        return " ".join(f"'sha256-{base64.b64encode(digest).decode()}'" for digest in digests)
+
+    return (
+        f"default-src 'none'; img-src data:; style-src {hashes(styles)}; "
+        f"script-src {hashes(scripts)}; base-uri 'none'; form-action 'none'"
+    )
 
 
 def summarise(rows: Iterable[Row]) -> list[Row]:
@@ -235,12 +235,3 @@ def _cell(key: str, value: Any, rivals: list[Row]) -> str:
     )
     kind = ' class="best"' if best and len(known) > 1 else ""
     return f'<td{kind} data-value="{value!r}">{show(key, value)}</td>'
-
-
-def show(key: str, value: float) -> str:
-    """Return a figure as people read it."""
-    if key in YES_OR_NO:
-        return {0.0: "no", 1.0: "yes"}.get(value, f"{100 * value:.0f} %")
-    if key in WHOLE:
-        return f"{value:,.0f}"
-    return f"{value:.3g}" if abs(value) < 100 else f"{value:.0f}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,12 +14,15 @@ from o3d_sofnn.compare.cases import Case, Ladder, Source
 from o3d_sofnn.compare.evaluate import METHODS, Evaluation, Look, before, evaluate
 from o3d_sofnn.compare.isolated import call
 from o3d_sofnn.compare.measure import FIGURES
+from o3d_sofnn.compare.scene import Scene
 from o3d_sofnn.progress import NoProgress, ProgressCallback, rescale
 
 Row = dict[str, Any]
 
 COLUMNS = ("input", "points", "noise", "method", "error", *FIGURES)
 """Of the CSV file."""
+FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
+"""How formulas begin in spreadsheets, also behind blanks that these take away."""
 SAMPLES = 50_000
 QUICK_SAMPLES = 10_000
 """Points drawn from either surface for the comparison with the truth."""
@@ -37,14 +41,14 @@ class Result:
     ----------
     rows : list of dict
         One a method and cloud, with the keys ``COLUMNS``; "" or None where there is no figure.
-    scenes : list of report.Scene
+    scenes : list of Scene
         What there is to see, one a cloud.
     report : Path
         The page.
     """
 
     rows: list[Row] = field(default_factory=list)
-    scenes: list[report.Scene] = field(default_factory=list)
+    scenes: list[Scene] = field(default_factory=list)
     report: Path = Path()
 
 
@@ -138,7 +142,7 @@ def _read(source: Source, ladder: Ladder, result: Result) -> Iterator[Case]:
 
 
 def _compare(case: Case, job: _Job, result: Result, progress: ProgressCallback) -> None:
-    scene = report.Scene(case.title, case.view)
+    scene = Scene(case.title, case.view)
     result.scenes.append(scene)
     progress(0.0, case.title)
     first = call(before, case, timeout=job.timeout)
@@ -173,11 +177,17 @@ def _row(name: str, points: int | None, noise: float | None, method: str, error:
 def _write_pictures(case: Case, method: str, look: Look, output: Path) -> None:
     for kind, data in look.pictures.items():
         suffix = "" if kind == "surface" else f"-{kind}"
-        (output / f"{case.name}-{method}{suffix}.png").write_bytes(data)
+        report.save(output / f"{case.name}-{method}{suffix}.png", data)
 
 
 def _write_csv(path: Path, rows: list[Row]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, COLUMNS)
-        writer.writeheader()
-        writer.writerows(rows)
+    stream = io.StringIO(newline="")
+    writer = csv.DictWriter(stream, COLUMNS)
+    writer.writeheader()
+    writer.writerows({key: _plain(value) for key, value in row.items()} for row in rows)
+    report.save(path, stream.getvalue())
+
+
+def _plain(value: Any) -> Any:
+    """Keep a text from being taken for a formula: a spreadsheet would run it."""
+    return f"'{value}" if isinstance(value, str) and value.startswith(FORMULA) else value

@@ -40,9 +40,14 @@ def check_output(path: str | os.PathLike[str], endings: Collection[str]) -> None
     path = Path(path)
     if endings:
         check_ending(path, endings)
-    stream, name = _create_beside(_target(path))
-    stream.close()
-    name.unlink()
+    target = _target(path)
+    name = _name_beside(target)
+    try:
+        _create(name, target).close()
+        _remove(name)
+    except BaseException:  # a signal may come before the file is removed
+        _remove(name)
+        raise
 
 
 def check_different(
@@ -89,15 +94,16 @@ def open_atomic(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         ``path`` exists and is no regular file.
     """
     target = _target(Path(path))
-    stream, name = _create_beside(target)
+    name = _name_beside(target)
     try:
-        with stream:
+        # Created here: whenever a signal comes, there is a name to remove.
+        with _create(name, target) as stream:
             yield stream
             stream.flush()
             os.fsync(stream.fileno())
         os.replace(name, target)
     except BaseException as error:
-        name.unlink(missing_ok=True)
+        _remove(name)
         if isinstance(error, OSError):
             _rename_in_message(error, target)
         raise
@@ -112,9 +118,13 @@ def _target(path: Path) -> Path:
     return target
 
 
-def _create_beside(target: Path) -> tuple[BinaryIO, Path]:
-    """Create a hidden file in the folder of ``target``, with the rights that ``target`` has."""
-    name = target.with_name(f".{target.name[:100]}.{secrets.token_hex(4)}.part")
+def _name_beside(target: Path) -> Path:
+    """Return a name that nobody has, hidden, in the folder of ``target``; short as folders ask."""
+    return target.with_name(f".o3d-sofnn-{secrets.token_hex(8)}.part")
+
+
+def _create(name: Path, target: Path) -> BinaryIO:
+    """Create the file ``name`` with the rights that ``target`` has."""
     try:
         stream = name.open("x+b")
     except OSError as error:
@@ -122,7 +132,12 @@ def _create_beside(target: Path) -> tuple[BinaryIO, Path]:
         raise
     if target.exists():
         name.chmod(stat.S_IMODE(target.stat().st_mode))
-    return stream, name
+    return stream
+
+
+def _remove(name: Path) -> None:
+    with contextlib.suppress(OSError):  # not there, or no folder at all
+        name.unlink()
 
 
 def _rename_in_message(error: OSError, target: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import re
 import signal
 import subprocess
@@ -17,7 +19,7 @@ import shapes
 from report_page import Page, read_csv
 
 from o3d_sofnn.cli import main
-from o3d_sofnn.compare import isolated
+from o3d_sofnn.compare import cases, isolated, report, run
 from o3d_sofnn.compare.measure import FIGURES
 
 o3d = pytest.importorskip("open3d")
@@ -179,6 +181,7 @@ def test_the_page_needs_nothing_from_outside(compared):
     text = (out / "report.html").read_text(encoding="utf-8")
     assert "://" not in text
     assert "{{" not in text
+    assert "Content-Security-Policy" in text
     assert not re.search(r"(src|href)=\"(?!data:)", text)
 
 
@@ -190,8 +193,6 @@ def test_ctrl_c_leaves_a_report_on_what_was_finished(inputs, tmp_path, monkeypat
         if len(calls) == 3:
             raise KeyboardInterrupt
         return isolated.call(function, *args, **options)
-
-    from o3d_sofnn.compare import run
 
     monkeypatch.setattr(run, "call", interrupt)
     options = ["--out", str(tmp_path), "--quick", "--methods", "open3d_alpha_shape", "ours"]
@@ -209,7 +210,7 @@ def spawned(process: int) -> list[Path]:
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="Linux tells the children")
 def test_sigterm_ends_the_process_of_a_method_too(tmp_path):
-    np.savetxt(tmp_path / "ring.xyz", shapes.torus(200_000).points)
+    np.savetxt(tmp_path / "ring.xyz", shapes.torus(50_000).points)
     options = ["--out", str(tmp_path / "out"), "--methods", "ours", "--progress", "plain"]
     with subprocess.Popen(
         [sys.executable, "-m", "o3d_sofnn", "compare", str(tmp_path / "ring.xyz"), *options],
@@ -226,8 +227,9 @@ def test_sigterm_ends_the_process_of_a_method_too(tmp_path):
             time.sleep(0.05)
         process.send_signal(signal.SIGTERM)
         _, err = process.communicate(timeout=60)
-    assert process.returncode == main.INTERRUPTED, err
+    assert process.returncode == 128 + signal.SIGTERM, err
     assert "interrupted" in err
+    assert not list(tmp_path.rglob("*.part"))
     assert not any(child.exists() for child in started)
 
 
@@ -237,6 +239,30 @@ def test_a_method_that_takes_too_long_is_a_failure_with_a_message(inputs, tmp_pa
     assert code == 0  # ours did not fail
     (row,) = read_csv(tmp_path / "results.csv")
     assert row["error"].startswith("stopped after")
+
+
+def test_a_full_disk_is_said_with_the_name_of_the_file(tmp_path, capfd, monkeypatch):
+    def full(descriptor):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    out = tmp_path / "out"
+    assert main.main(["compare", str(tmp_path / "none.ply"), "--out", str(out)]) == main.FAILURE
+    message = f"o3d-sofnn: error: {out / 'results.csv'}: No space left on device\n"
+    assert capfd.readouterr() == ("", message)
+    assert list(out.iterdir()) == []
+    case = cases.Case("ring", shapes.torus(100).points)
+    with pytest.raises(OSError, match="No space left") as caught:
+        run._write_pictures(case, "ours", two_pictures(), out)
+    assert caught.value.filename == str(out / "ring-100-ours.png")
+    with pytest.raises(OSError, match="No space left") as caught:
+        report.write(out / "report.html", [], [])
+    assert caught.value.filename == str(out / "report.html")
+    assert list(out.iterdir()) == []
+
+
+def two_pictures():
+    return run.Look(*(np.zeros((0, 3)),) * 3, None, None, {"surface": b"1", "flipped": b"2"})
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,10 @@ import sys
 import numpy as np
 import pytest
 import shapes
+from report_page import Page, read_csv
 
-from o3d_sofnn.compare import cases, charts, command, measure, peers, report
+from o3d_sofnn.cli import comparison
+from o3d_sofnn.compare import cases, charts, measure, peers, report, run
 from o3d_sofnn.geometry import mesh_properties
 
 o3d = pytest.importorskip("open3d")
@@ -33,6 +35,75 @@ def test_inputs_of_the_same_name_are_told_apart(tmp_path):
     files = [tmp_path / "a" / "scan.ply", tmp_path / "b" / "scan.ply", tmp_path / "scan.xyz"]
     named = cases.sources(files, cases.View(), clouds_only=False)
     assert [source.name for source in named] == ["scan", "scan~2", "scan~3"]
+    files.append(tmp_path / "scan~2.ply")
+    named = cases.sources(files, cases.View(), clouds_only=False)
+    assert len({source.name for source in named}) == len(files)
+
+
+HOSTILE = (
+    '{{scenes}}" autofocus onfocus="window.hurt = 1',
+    "<img src=x onerror='window.hurt = 1'>",
+    "{{policy}} {{nonsense}}",
+    "=1+1",
+    "+1",
+    "-1",
+    "@SUM(A1)",
+    "\tx",
+    "two\nlines",
+    "\udcff",  # a byte that is no UTF-8
+    "点" * 83,
+)
+
+
+def test_names_of_files_are_text_in_the_report(tmp_path):
+    case = cases.Case(HOSTILE[0], shapes.torus(100).points)
+    rows = [run._row(name, None, None, "", f"not read: {name}") for name in HOSTILE]
+    rows.append(run._row(case.input, 100, None, "ours", "failed"))
+    scene = run.Scene(case.title, case.view)
+    scene.add(rows[-1], None)
+    report.write(tmp_path / "report.html", rows, [scene])
+    page = Page(tmp_path / "report.html")
+    columns = page.titles["results"]
+    shown = [dict(zip(columns, row, strict=False))["input"] for row in page.rows["results"][1:]]
+    expected = [row["input"].replace("\udcff", "\\udcff") for row in rows]
+    assert shown == [(name, name) for name in expected]
+    assert page.data["scenes"][0]["title"] == case.title
+    assert {tag: page.tags[tag] for tag in ("script", "meta", "link", "img", "svg")} == {
+        "script": 3,
+        "meta": 3,
+        "link": 1,
+        "img": 0,
+        "svg": 0,
+    }
+    assert not any(name.startswith("on") for name in page.attributes)
+
+
+def test_names_of_files_are_no_formulas_in_the_csv(tmp_path):
+    rows = [run._row(name, 5, -1.0, "ours", f"{name}: not read") for name in HOSTILE]
+    run._write_csv(tmp_path / "results.csv", rows)
+    found = read_csv(tmp_path / "results.csv")
+    for row, name in zip(found, HOSTILE, strict=True):
+        assert row["input"].removeprefix("'") == name.replace("\udcff", "\\udcff")
+        for key in ("input", "error"):
+            assert not row[key].startswith(("=", "+", "-", "@", "\t", "\r", "\n"))
+        assert float(row["noise"]) == -1.0
+    assert [row["input"][0] == "'" for row in found] == [name[0] in "=+-@\t" for name in HOSTILE]
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_pictures_are_named_after_any_file(tmp_path, name):
+    look = two_pictures()
+    for noise in (None, 0.5):
+        case = cases.Case(name, shapes.torus(100).points, noise)
+        run._write_pictures(case, "meshlab_ball_pivoting", look, tmp_path)
+    assert len(list(tmp_path.iterdir())) == 4
+    other = cases.Case(name + "x", shapes.torus(100).points)
+    run._write_pictures(other, "meshlab_ball_pivoting", look, tmp_path)
+    assert len(list(tmp_path.iterdir())) == 6
+
+
+def two_pictures():
+    return run.Look(*(np.zeros((0, 3)),) * 3, None, None, {"surface": b"1", "flipped": b"2"})
 
 
 def test_figures_of_a_known_mesh():
@@ -100,4 +171,4 @@ def test_methods_have_titles_and_colours_and_are_in_the_help():
 
     assert set(report.TITLES) == {"", "input", *ALL}
     assert len(charts.COLORS) == len(ALL)
-    assert set(ALL) <= set(re.findall(r"\w+", command.TEXT))
+    assert set(ALL) <= set(re.findall(r"\w+", comparison.TEXT))

@@ -7,7 +7,7 @@ import io
 import numpy as np
 import pytest
 
-from o3d_sofnn.compare import colors, png, raster
+from o3d_sofnn.compare import colors, raster
 
 VIEW = raster.View((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
 FRAME = raster.Frame(VIEW, np.array([-1.0, -1.0, -1.0]), np.array([1.0, 1.0, 1.0]), 60, 50)
@@ -67,7 +67,7 @@ def test_points_are_discs_and_large_ones_cover() -> None:
 def test_png_files_are_read_back_as_they_were() -> None:
     image = pytest.importorskip("PIL.Image")
     pixels = np.random.default_rng(0).integers(0, 256, (31, 17, 4)).astype(np.uint8)
-    found = np.asarray(image.open(io.BytesIO(png.encode_png(pixels))))
+    found = np.asarray(image.open(io.BytesIO(raster.encode_png(pixels))))
     np.testing.assert_array_equal(found, pixels)
 
 

@@ -43,13 +43,18 @@ PIXELS = """panes => panes.map(canvas => {
 })"""
 
 
+# Names of files that would run script if they were taken for markup.
+SCAN = '{{scenes}}" autofocus onfocus="window.hurt = 1" x="<img src=x onerror=window.hurt=2>'
+MISSING = "<img src=x onerror=window.hurt=3> {{scenes}}"
+
+
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("report")
     ball = o3d.geometry.TriangleMesh.create_sphere(1.0, 12)
     o3d.io.write_triangle_mesh(str(folder / "ball.ply"), ball)
-    np.savetxt(folder / "ring.xyz", shapes.torus(600).points)
-    files = [str(folder / "ball.ply"), str(folder / "ring.xyz"), str(folder / "missing.ply")]
+    np.savetxt(folder / f"{SCAN}.xyz", shapes.torus(600).points)
+    files = [str(folder / name) for name in ("ball.ply", f"{SCAN}.xyz", f"{MISSING}.ply")]
     small = ["--quick", "--points", "600", "--sizes", "--noise", "0", "1", "--out", str(folder)]
     main.main(["compare", *files, *small, "--methods", *METHODS])
     return folder / "report.html"
@@ -147,6 +152,27 @@ def test_tables_sort_both_ways(browser: Any, report: Path) -> None:
             assert known == sorted(known, reverse=reverse)
             assert shown[len(known) :] == [""] * (len(shown) - len(known))  # the rest is below
     assert trouble == []
+
+
+def test_names_of_files_run_no_script(browser: Any, report: Path) -> None:
+    page, trouble = open_page(browser, report, LAPTOP)
+    page.select_option("#scene", index=2)
+    page.wait_for_timeout(300)
+    inputs = page.locator("#results td:nth-child(2)").all_inner_texts()
+    assert {"ball", SCAN, MISSING} == set(inputs)
+    assert page.locator("#scene option").nth(2).inner_text().startswith(SCAN)
+    assert trouble == []
+    # Even markup that got into the page would run nothing, and load nothing.
+    page.evaluate("""() => {
+      document.body.insertAdjacentHTML("beforeend", "<img src=x onerror='window.hurt = 4'>");
+      const script = document.createElement("script");
+      script.textContent = "window.hurt = 5";
+      document.body.append(script);
+    }""")
+    page.wait_for_timeout(300)
+    assert page.evaluate("window.hurt === undefined")
+    assert trouble
+    assert all("Content Security Policy" in text or "wanted" in text for text in trouble)
 
 
 @pytest.mark.parametrize(("options", "dark"), [(LAPTOP, False), (PHONE, True)])

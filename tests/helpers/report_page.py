@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import html.parser
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,10 @@ class Page(html.parser.HTMLParser):
         data-method, data-x and data-y of each chart.
     data : dict
         Scenes.
+    tags : Counter of str
+        How many elements of each kind there are.
+    attributes : set of str
+        Names of all attributes.
     """
 
     def __init__(self, file: Path) -> None:
@@ -30,6 +35,8 @@ class Page(html.parser.HTMLParser):
         self.rows: dict[str, list[list[tuple[str | None, str]]]] = {}
         self.points: dict[str, list[dict[str, str]]] = {}
         self.data: dict[str, Any] = {}
+        self.tags: Counter[str] = Counter()
+        self.attributes: set[str] = set()
         self._table = self._chart = ""
         self._cell: str | None = None
         self._reading = ""
@@ -38,6 +45,8 @@ class Page(html.parser.HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         values = dict(attrs)
+        self.tags[tag] += 1
+        self.attributes.update(values)
         if tag == "table":
             self._table = values["id"] or ""
             self.titles[self._table], self.rows[self._table] = [], []

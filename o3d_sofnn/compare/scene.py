@@ -1,23 +1,59 @@
-"""What the 3D panes of the report need, as JSON: few bytes a vertex, packed as base64."""
+"""What there is to see of one cloud, and the same as JSON: few bytes a vertex, as base64."""
 
 from __future__ import annotations
 
 import base64
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn.compare.raster import typical_spacing
-
-if TYPE_CHECKING:
-    from o3d_sofnn.compare.evaluate import Look
-    from o3d_sofnn.compare.report import Scene
+from o3d_sofnn.compare.evaluate import Look
+from o3d_sofnn.compare.measure import FIGURES, show
+from o3d_sofnn.compare.raster import View, typical_spacing
 
 Array = NDArray[Any]
+Row = dict[str, Any]
 
 STEPS = 65535
 """Places along each side of the box of a mesh."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What there is to see of one cloud.
+
+    Attributes
+    ----------
+    title : str
+        Of the cloud.
+    view : View
+        From where it is seen first.
+    looks : dict of str to Look
+        Of the methods, and of the "input".
+    errors : dict of str to str
+        Messages of the methods that failed.
+    facts : dict of str to str
+        A few figures of the others.
+    """
+
+    title: str
+    view: View
+    looks: dict[str, Look] = field(default_factory=dict)
+    errors: dict[str, str] = field(default_factory=dict)
+    facts: dict[str, str] = field(default_factory=dict)
+
+    def add(self, row: Row, look: Look | None) -> None:
+        """Take the result of a method."""
+        if look is None:
+            self.errors[row["method"]] = row["error"]
+            return
+        key = "input_mean" if row.get("chamfer") is None else "chamfer"
+        self.looks[row["method"]] = look
+        self.facts[row["method"]] = (
+            f"{show('seconds', row['seconds'])} s, {FIGURES[key]} {show(key, row[key])}"
+        )
 
 
 def pack(scene: Scene, titles: dict[str, str]) -> dict[str, Any]:

@@ -1,0 +1,200 @@
+"""The options of ``o3d-sofnn``, and what ``--help`` says of them."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from pathlib import Path
+from typing import Any, NoReturn
+
+from o3d_sofnn.cli import comparison
+from o3d_sofnn.progress import printable
+
+BAD_INPUT = 2
+
+
+_EXIT_CODES = """\
+exit codes: 0 done, 2 bad input or options, 1 other failures (a full disk), 130 Ctrl-C; after
+other signals 128 and their number.
+OUT is written whole or not at all."""
+
+
+_NORMALS = """\
+Write the points of IN with oriented normals to OUT. Normals face outward, those of open sheets to
+the side from which they look convex, or as --viewpoint or --towards say. No option is needed."""
+
+
+_NORMALS_FILES = """\
+IN: ply pcd npy npz xyz xyzn xyzrgb txt csv asc pts ptx e57 las laz, the vertices of obj off stl
+gltf glb fbx. What is in the file and not used is said.
+OUT: ply pcd xyz xyzn npz las laz; points and their order are those of IN.
+"""
+
+
+_RECONSTRUCT = """\
+Write a closed mesh through the points of IN to OUT. Normals in IN are not needed. For rooms and
+other open surfaces add --trim auto, for terrain also --towards 0 0 1. No option is needed."""
+
+
+_RECONSTRUCT_FILES = """\
+IN: ply pcd npy npz xyz xyzn xyzrgb txt csv asc pts ptx e57 las laz, the vertices of obj off stl
+gltf glb fbx. What is in the file and not used is said.
+OUT: ply obj (with vertex normals, and colours where IN has them), off (with colours), stl.
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose complaint is one line, and that knows all numbers from options."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        # argparse takes -1e5 for an option.
+        self._negative_number_matcher = re.compile(r"-(\.?\d|inf|nan)", re.IGNORECASE)
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(BAD_INPUT, f"o3d-sofnn: error: {printable(message)} (see {self.prog} --help)\n")
+
+
+class _Version(argparse.Action):
+    """Print the version; found only when asked for, because looking it up takes time."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
+        import o3d_sofnn
+
+        sys.stdout.write(f"o3d-sofnn {o3d_sofnn.__version__}\n")
+        parser.exit()
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of all commands; it ends the process on bad arguments."""
+    parser = _Parser(
+        prog="o3d-sofnn",
+        description="Oriented normals and watertight meshes from raw point clouds.",
+        epilog=_EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    common = _common_options()
+    _add_normals(commands, common)
+    _add_reconstruct(commands, common)
+    _add_compare(commands)
+    return parser
+
+
+def _add_command(
+    commands: Any, common: argparse.ArgumentParser, name: str, purpose: str, text: str, files: str
+) -> argparse.ArgumentParser:
+    """Add a command that reads points from a file and writes another one."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name,
+        parents=[common],
+        help=purpose,
+        description=text,
+        epilog=files + _EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    return parser
+
+
+def _add_normals(commands: Any, common: argparse.ArgumentParser) -> None:
+    purpose = "write the points of IN with normals to OUT"
+    _add_side(_add_command(commands, common, "normals", purpose, _NORMALS, _NORMALS_FILES))
+
+
+def _add_reconstruct(commands: Any, common: argparse.ArgumentParser) -> None:
+    purpose = "write a watertight mesh through the points to OUT"
+    mesh = _add_command(commands, common, "reconstruct", purpose, _RECONSTRUCT, _RECONSTRUCT_FILES)
+    resolution = mesh.add_mutually_exclusive_group()
+    resolution.add_argument(
+        "--depth", type=int, metavar="D", help="2**D cells along the longest side (1 to 16)"
+    )
+    resolution.add_argument(
+        "--voxel-size", type=float, metavar="L", help="side of a cell, in the unit of IN"
+    )
+    mesh.add_argument(
+        "--trim",
+        type=_number_or_auto,
+        metavar="T",
+        help="cut away what has a confidence (0 to 1) below T; auto: 0.5, small holes stay closed",
+    )
+    mesh.add_argument(
+        "--target-triangles", type=int, metavar="N", help="decimate to N triangles, still closed"
+    )
+    mesh.add_argument(
+        "--precision",
+        type=float,
+        metavar="E",
+        help="largest distance of the local surfaces from the points, in the unit of IN",
+    )
+    _add_side(mesh).add_argument(
+        "--use-normals", action="store_true", help="take the sides from the normals in IN"
+    )
+
+
+def _add_compare(commands: Any) -> None:
+    compare = commands.add_parser(
+        "compare",
+        help="compare with Open3D's and MeshLab's reconstructions",
+        description=comparison.TEXT,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    compare.add_argument("input", type=Path, nargs="+", metavar="IN", help="scans, closed meshes")
+    comparison.add_options(compare)
+    _add_progress(compare)
+
+
+def _add_side(parser: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGroup:
+    side = parser.add_mutually_exclusive_group()
+    side.add_argument(
+        "--viewpoint",
+        nargs=3,
+        type=float,
+        metavar=("X", "Y", "Z"),
+        help="the scanner's position: everything faces it",
+    )
+    side.add_argument(
+        "--towards",
+        nargs=3,
+        type=float,
+        metavar=("X", "Y", "Z"),
+        help="a direction that every piece faces: 0 0 1 for terrain, its solid is below",
+    )
+    return side
+
+
+def _number_or_auto(text: str) -> float | str:
+    try:
+        return text if text == "auto" else float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"expected a number from 0 to 1 or auto, got {text!r}"
+        ) from None
+
+
+def _add_progress(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--progress",
+        choices=("auto", "bar", "plain", "none"),
+        default="auto",
+        help="auto (default): a bar on a terminal; plain: lines 'PROGRESS percent text'",
+    )
+
+
+def _common_options() -> _Parser:
+    common = _Parser(add_help=False)
+    common.add_argument("input", type=Path, metavar="IN", help="a point file (ply pcd xyz las ...)")
+    common.add_argument("output", type=Path, metavar="OUT", help="the file to write")
+    common.add_argument(
+        "--max-nn", type=int, metavar="K", help="largest neighbourhood of a local fit, in points"
+    )
+    common.add_argument(
+        "--radius", type=float, metavar="R", help="the same as a radius, in the unit of IN"
+    )
+    common.add_argument(
+        "--threads", type=int, default=-1, metavar="N", help="threads; -1 (default): all cores"
+    )
+    _add_progress(common)
+    common.add_argument("--json", metavar="REPORT", help="write a report as JSON; - for the screen")
+    return common

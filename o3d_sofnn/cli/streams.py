@@ -1,0 +1,92 @@
+"""The standard streams of a command: closed, full, broken or narrow ones do no harm."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import sys
+from collections.abc import Iterator
+from typing import Any, TextIO, cast
+
+
+class _Stream:
+    """A standard stream, or the place of one that is closed.
+
+    Parameters
+    ----------
+    stream : text stream or None
+        What Python has: None for a descriptor that was closed when it started.
+    name : str
+        For messages.
+    wanted : bool
+        Whether somebody waits for what is written: then it is an error when it cannot be. What is
+        said on the side is lost in silence instead.
+    """
+
+    def __init__(self, stream: TextIO | None, name: str, wanted: bool) -> None:
+        self._stream = stream
+        self._name = name
+        self._wanted = wanted
+
+    def write(self, text: str) -> int:
+        """Write ``text``; letters that the stream's encoding has not are escaped."""
+        with self._trouble_named():
+            if self._stream is None:
+                raise OSError(errno.EBADF, "closed")
+            encoding = self._stream.encoding or "utf-8"
+            self._stream.write(text.encode(encoding, "backslashreplace").decode(encoding))
+        return len(text)
+
+    def flush(self) -> None:
+        """Hand over what was written."""
+        with self._trouble_named():
+            if self._stream is not None:
+                self._stream.flush()
+
+    def isatty(self) -> bool:
+        """Tell whether a person looks at it."""
+        return self._stream is not None and not self._stream.closed and self._stream.isatty()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    @contextlib.contextmanager
+    def _trouble_named(self) -> Iterator[None]:
+        try:
+            yield
+        except (OSError, ValueError) as error:  # a stream that Python has closed: ValueError
+            if self._stream is not None:
+                _drain(self._stream)
+                self._stream = None
+            if self._wanted:
+                code = getattr(error, "errno", None) or errno.EBADF
+                reason = getattr(error, "strerror", None) or "closed"
+                raise OSError(code, reason, self._name) from error
+
+
+def _drain(stream: TextIO) -> None:
+    """Let what is left in a stream go nowhere: Python would try again, and complain, at its end."""
+    with contextlib.suppress(OSError, ValueError), open(os.devnull, "w") as sink:
+        os.dup2(sink.fileno(), stream.fileno())
+
+
+@contextlib.contextmanager
+def guarded() -> Iterator[None]:
+    """Make ``sys.stdout`` and ``sys.stderr`` safe to write to within the block.
+
+    A descriptor that is closed (``2>&-``) is given to the null device: the next file that is
+    opened would become the standard error stream, and take what native libraries print.
+    """
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest free number: this one
+    before = sys.stdout, sys.stderr
+    sys.stdout = cast(TextIO, _Stream(sys.stdout, "standard output", wanted=True))
+    sys.stderr = cast(TextIO, _Stream(sys.stderr, "standard error", wanted=False))
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = before
