@@ -117,19 +117,38 @@ def run(
     mesh = point_layer(ms, filter_name)
     values = parameter_values(filter_name, box_diagonal(mesh), params)
     options = pipeline_options(filter_name, values)
+    called = None if progress is None else _Called(progress)
     try:
         cloud = read_cloud(mesh, with_normals=values.get("use_normals", False))
+        # Only at the end does the MeshSet change.
         if filter_name == RECONSTRUCT:
-            surface = surface_of_cloud(cloud, options, progress)
-        else:
-            normals, summary = normals_of_cloud(cloud, options, progress)
-    except ValueError as error:
+            surface = surface_of_cloud(cloud, options, called)
+            add_surface(ms, surface)
+            return surface.summary
+        normals, summary = normals_of_cloud(cloud, options, called)
+        write_normals(ms, normals)
+        return summary
+    except pymeshlab.PyMeshLabException:
+        raise
+    except Exception as error:
+        if called is not None and error is called.raised:
+            raise
+        details = "not enough memory" if isinstance(error, MemoryError) else error
         raise pymeshlab.PyMeshLabException(
-            f"Failed to apply filter: {filter_name}\nDetails: {error}"
+            f"Failed to apply filter: {filter_name}\nDetails: {details}"
         ) from error
-    # Only from here on does the MeshSet change.
-    if filter_name == RECONSTRUCT:
-        add_surface(ms, surface)
-        return surface.summary
-    write_normals(ms, normals)
-    return summary
+
+
+class _Called:
+    """The caller's progress callback; what it raises is the caller's own, not an error of ours."""
+
+    def __init__(self, progress: Progress) -> None:
+        self.progress = progress
+        self.raised: Exception | None = None
+
+    def __call__(self, fraction: float, text: str) -> None:
+        try:
+            self.progress(fraction, text)
+        except Exception as error:
+            self.raised = error
+            raise

@@ -9,10 +9,19 @@ from typing import Any
 import numpy as np
 import pymeshlab
 
+from o3d_sofnn import validation
+
 RECONSTRUCT = "generate_surface_reconstruction_sofnn"
 NORMALS = "compute_normal_for_point_clouds_sofnn"
 
 ORIENTATIONS = ("automatic", "viewpoint", "direction")
+
+
+class InvalidEnum(pymeshlab.PyMeshLabException, pymeshlab.InvalidEnumException):  # type: ignore[misc]
+    """An enumeration value that does not exist.
+
+    PyMeshLab raises the second class, which is no kind of the first; this one is both.
+    """
 
 
 @dataclass(frozen=True)
@@ -79,9 +88,8 @@ def parameter_values(filter_name: str, diagonal: float, given: Mapping[str, Any]
     Raises
     ------
     pymeshlab.PyMeshLabException
-        An unknown parameter or a value of the wrong type.
-    pymeshlab.InvalidEnumException
-        An enumeration value that does not exist.
+        An unknown parameter or a value of the wrong type; `InvalidEnum` for an enumeration value
+        that does not exist.
     """
     known = {parameter.name: parameter for parameter in PARAMETERS[filter_name]}
     for name in given:
@@ -134,7 +142,9 @@ def pipeline_options(filter_name: str, values: Mapping[str, Any]) -> dict[str, A
 
 
 def _expected(name: str, expected: str, value: object) -> pymeshlab.PyMeshLabException:
-    return pymeshlab.PyMeshLabException(f"Parameter {name}: expected {expected}, got {value!r}.")
+    return pymeshlab.PyMeshLabException(
+        f"Parameter {name}: expected {expected}, got {validation.shown(value)}."
+    )
 
 
 def _bool(name: str, value: Any) -> bool:
@@ -152,13 +162,17 @@ def _int(name: str, value: Any) -> int:
 def _float(name: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise _expected(name, "a number", value)
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError:
+        raise _expected(name, "a number", value) from None
 
 
 def _length(name: str, value: Any, diagonal: float) -> float:
     if isinstance(value, pymeshlab.PercentageValue):
         # MeshLab's own arithmetic, in single precision: both ways to a filter give one number.
-        return float(np.float32(value.value()) / np.float32(100) * np.float32(diagonal))
+        with np.errstate(over="ignore"):
+            return float(np.float32(value.value()) / np.float32(100) * np.float32(diagonal))
     if isinstance(value, pymeshlab.PureValue):
         return float(value.value())
     raise _expected(
@@ -174,21 +188,21 @@ def _enum(name: str, value: Any) -> int:
         return ORIENTATIONS.index(value)
     if isinstance(value, str):
         expected = f"Possible values are {', '.join(map(repr, ORIENTATIONS))}"
-        raise pymeshlab.InvalidEnumException(f"Enum {value!r} not found. {expected}.")
+        raise InvalidEnum(f"Enum {validation.shown(value)} not found. {expected}.")
     number = _int(name, value)
     if not 0 <= number < len(ORIENTATIONS):
         expected = f"Must be a value from 0 to {len(ORIENTATIONS) - 1}"
-        raise pymeshlab.InvalidEnumException(f"Enum {number} not valid. {expected}.")
+        raise InvalidEnum(f"Enum {validation.shown(number)} not valid. {expected}.")
     return number
 
 
 def _point(name: str, value: Any) -> np.ndarray:
     try:
-        point = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise _expected(name, "three numbers", value) from None
-    if point.shape != (3,):
-        raise _expected(name, "three numbers", value)
+        point = validation.check_vector(value, name)
+    except ValueError:
+        point = None
+    if point is None:
+        raise _expected(name, "three finite numbers", value)
     return point
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 pymeshlab = pytest.importorskip("pymeshlab", reason="PyMeshLab is not installed")
 import meshlab_sofnn  # noqa: E402 - it needs PyMeshLab
+from meshlab_sofnn import filters  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("unregistered")
 
@@ -32,17 +33,24 @@ BAD = [
     (RECONSTRUCT, {"depth": 17}, "depth: expected"),
     (RECONSTRUCT, {"depth": 5.0}, "Parameter depth: expected an integer, got 5.0"),
     (RECONSTRUCT, {"depth": True}, "Parameter depth: expected an integer, got True"),
-    (RECONSTRUCT, {"trim": 1.5}, "trim: expected a number from 0 to 1, got 1.5"),
+    (RECONSTRUCT, {"trim": 1.5}, 'trim: expected a number from 0 to 1 or "auto", got 1.5'),
     (RECONSTRUCT, {"trim": "much"}, "Parameter trim: expected a number, got 'much'"),
     (RECONSTRUCT, {"use_normals": 1}, "Parameter use_normals: expected True or False, got 1"),
-    (NORMALS, {"max_nn": 3}, "max_nn: expected an integer >= 6, got 3"),
+    (NORMALS, {"max_nn": 3}, "max_nn: expected an integer from 6 to"),
     (NORMALS, {"n_threads": 0}, "n_threads: expected"),
     (NORMALS, {"radius": pymeshlab.PureValue(-1)}, "radius: expected"),
     (NORMALS, {"orientation": "up"}, "Enum 'up' not found. Possible values are 'automatic'"),
     (NORMALS, {"orientation": 3}, "Enum 3 not valid"),
-    (NORMALS, {"viewpos": (1, 2)}, "Parameter viewpos: expected three numbers"),
-    (NORMALS, {"viewpos": "here"}, "Parameter viewpos: expected three numbers"),
-    (NORMALS, {"orientation": "viewpoint", "viewpos": (1, 2, np.nan)}, "viewpoint: expected"),
+    (NORMALS, {"viewpos": (1, 2)}, "Parameter viewpos: expected three finite numbers"),
+    (NORMALS, {"viewpos": "here"}, "Parameter viewpos: expected three finite numbers"),
+    (NORMALS, {"viewpos": (1, 2, np.nan)}, "viewpos: expected three finite numbers"),
+    (NORMALS, {"viewpos": (10**400, 0, 0)}, "viewpos: expected three finite numbers"),
+    (NORMALS, {"viewpos": None}, "viewpos: expected three finite numbers, got None"),
+    (NORMALS, {"orientation": None}, "Parameter orientation: expected an integer, got None"),
+    (NORMALS, {"orientation": -(10**5000)}, "Enum a value of type int not valid"),
+    (RECONSTRUCT, {"depth": 10**400}, "depth: expected an integer from 1 to 16, got 1000"),
+    (RECONSTRUCT, {"trim": 10**400}, "Parameter trim: expected a number, got 1000"),
+    (RECONSTRUCT, {"n_threads": 2**31}, "n_threads: expected"),
     (NORMALS, {"orientation": "direction", "direction": (0, 0, 0)}, "towards: expected"),
 ]
 
@@ -51,10 +59,42 @@ BAD = [
 def test_bad_parameters(ms: Any, name: str, params: Any, message: str, state: Any) -> None:
     meshlab_sofnn.register(plugin=False)
     before = state(ms)
-    errors = (pymeshlab.PyMeshLabException, pymeshlab.InvalidEnumException)
-    with pytest.raises(errors) as caught:
+    with pytest.raises(pymeshlab.PyMeshLabException) as caught:
         ms.apply_filter(name, **params)
     assert message in str(caught.value)
+    assert isinstance(caught.value, pymeshlab.InvalidEnumException) == ("Enum" in message)
+    assert state(ms) == before
+
+
+@pytest.mark.parametrize("run", [meshlab_sofnn.reconstruct, meshlab_sofnn.estimate_normals])
+@pytest.mark.parametrize("kind", [MemoryError, RuntimeError, IndexError])
+def test_whatever_fails_is_a_failed_filter(
+    ms: Any, run: Any, kind: Any, state: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: Any, **__: Any) -> None:
+        raise kind("somewhere within")
+
+    before = state(ms)
+    for name in ("surface_of_cloud", "normals_of_cloud"):
+        monkeypatch.setattr(filters, name, fail)
+    message = "not enough memory" if kind is MemoryError else "somewhere within"
+    with pytest.raises(pymeshlab.PyMeshLabException, match=f"Failed to apply .*\n.*{message}"):
+        run(ms)
+    assert state(ms) == before
+
+
+@pytest.mark.parametrize("run", [meshlab_sofnn.reconstruct, meshlab_sofnn.estimate_normals])
+@pytest.mark.parametrize("kind", [ValueError, StopIteration, KeyboardInterrupt])
+def test_what_the_progress_raises_arrives(ms: Any, run: Any, kind: Any, state: Any) -> None:
+    error = kind("enough")
+
+    def stop(fraction: float, text: str) -> None:
+        raise error
+
+    before = state(ms)
+    with pytest.raises(kind) as caught:
+        run(ms, progress=stop)
+    assert caught.value is error
     assert state(ms) == before
 
 
