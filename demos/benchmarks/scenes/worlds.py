@@ -117,7 +117,9 @@ SCENES = {
     ),
     "room, camera": Scene(_room(), [from_camera((-2.0, -1.9, 1.6), (1.2, 0.8, 0.7))]),
     "street": Scene(_street(), [from_tripod(0.0, 0.0, 1.9)]),
-    "street, car": Scene(_street(), [lambda columns, _: rings((0.0, 0.0, 1.9), 4 * columns)]),
+    "street, car": Scene(
+        _street(), [lambda columns, rows: rings((0.0, 0.0, 1.9), columns * rows // 32)]
+    ),
     "street, three stations": Scene(
         _street(), [from_tripod(x, 1.0, 1.9) for x in (-25.0, 0.0, 24.0)]
     ),
