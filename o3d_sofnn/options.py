@@ -27,7 +27,7 @@ class Options:
     viewpoint : (3,) or (n, 3) float64, optional
         Where the scanner stood, for all points or for each of them: every normal faces it.
     towards : (3,) float64, optional
-        A direction that the normals of each separate piece face as a whole.
+        The same for a scanner that is far away: a direction that every normal faces.
     n_threads : int, default -1
         Threads; -1 for one a core. The result does not depend on it.
     depth : int, optional
@@ -106,8 +106,3 @@ class Options:
         if self.viewpoint is None or self.viewpoint.ndim == 1 or mask.all():
             return self
         return replace(self, viewpoint=self.viewpoint[mask])
-
-    @property
-    def faces_known(self) -> bool:
-        """Whether the user has said which side is which."""
-        return self.viewpoint is not None or self.towards is not None

@@ -20,8 +20,9 @@ from o3d_sofnn.meshing.mesh import mesh
 from o3d_sofnn.meshing.resolution import choose_cubes
 from o3d_sofnn.options import Options
 from o3d_sofnn.orientation.confidence import certainty
+from o3d_sofnn.orientation.evidence import Evidence, found, told
 from o3d_sofnn.orientation.sheets import settle
-from o3d_sofnn.orientation.viewpoint import directions_to, find_sides, leaned, turned_along
+from o3d_sofnn.orientation.viewpoint import find_sides, leaned
 from o3d_sofnn.progress import STAGES, Clock, ProgressCallback
 from o3d_sofnn.results import NormalEstimate, SurfaceEstimate
 from o3d_sofnn.rules.growth import grow
@@ -73,7 +74,7 @@ def estimate_normals(
     options = replace(options or Options(), **fields)
     clock = Clock(progress)
     learned = learn_rules(points, options, clock, experience=shipped())
-    estimate = _facing(options, points, infer(learned, options, clock)[0])
+    estimate = _facing(points, infer(learned, options, clock)[0])
     clock.finish()
     return estimate
 
@@ -160,14 +161,14 @@ def reconstruct_surface(
         facing[near] = infer_normals(rules, vertices[near], threads)[0]
         check_stage("attributes", normals=facing, confidences=confidence)
     clock.finish()
-    told = estimate.warnings + unmet(options.target_triangles, len(triangles))
+    warnings = estimate.warnings + unmet(options.target_triangles, len(triangles))
     return SurfaceEstimate(
         vertices=vertices * cloud.extent + cloud.middle,
         triangles=triangles,
         vertex_normals=facing,
         confidence=confidence,
         weigh=partial(attribute_weights, vertices, cloud.points, cloud.inverse, size, threads),
-        normals=_facing(options, points, replace(estimate, warnings=told)),
+        normals=_facing(points, replace(estimate, warnings=warnings)),
         offset_points=surfaces.offset_points,
         voxel_size=options.voxel_size or size * cloud.extent,
         seconds=clock.seconds,
@@ -189,15 +190,15 @@ class Learned:
         Unit normals of the samples, as the winding number or the caller has them.
     rules : RuleBase
         Oriented rules.
-    warnings : tuple of str
-        What a user should look at.
+    evidence : Evidence
+        What the sides were decided by.
     """
 
     cloud: Cloud
     samples: Samples
     sides: Array
     rules: RuleBase
-    warnings: tuple[str, ...]
+    evidence: Evidence
 
 
 def learn_rules(
@@ -236,22 +237,23 @@ def learn_rules(
         Fewer than 4 distinct points, or they are all equal or on one line.
     """
     threads = thread_count(options.n_threads)
-    directions = directions_to(options.viewpoint, points)
     with clock.stage("cells"):  # Algorithm 1, steps 1 and 2
         cloud = unit_cube(points, enclosing)
     limits = _limits(options, cloud.extent)
     with clock.stage("scale"):  # Algorithm 1, steps 3 to 6
         samples = part_outliers(cloud.points, limits, threads, cloud.near)
     with clock.stage("orientation"):
+        evidence = told(normals, options.viewpoint, options.towards)
+        evidence = evidence or found(points, samples, cloud.frame, threads)
+        seen = None if evidence is None else evidence.directions(points)
         rows = cloud.first[samples.kept]
-        known, seen = (None if x is None else x[rows] for x in (normals, directions))
+        known, seen = (None if x is None else x[rows] for x in (normals, seen))
         sides = find_sides(samples, known, seen, threads)
         check_stage("orientation", sides=sides)
     rules, samples = _first_rules(samples, sides, limits, clock, threads)
-    warnings: tuple[str, ...] = ()
-    if known is None and seen is None:
+    if evidence is None:
         with clock.stage("orientation"):
-            rules, sides, warnings = settle(rules, sides, samples.points, options.towards, threads)
+            rules, sides, evidence = settle(rules, sides, samples.points, cloud.frame, threads)
     # Many outliers have disturbed the scale and the rules around them: both are found once more.
     many = (~samples.kept).mean() > MANY
     if many:
@@ -263,13 +265,12 @@ def learn_rules(
         rules = grow(rules, samples, sides, limits, experience, threads)
         check_stage("growth", **vars(rules))
     with clock.stage("orientation"):
-        settled = normals is not None or options.faces_known
-        rules = replace(rules, confidence=certainty(rules, settled, threads))
+        rules = replace(rules, confidence=certainty(rules, evidence.decided, threads))
     if many:
         with clock.stage("outliers"):
             off = beside_surface(rules, samples, sides, experience, threads)
             samples, sides = samples.parted(off, threads), sides[~off]
-    return Learned(cloud, samples, sides, rules, cloud.warnings + warnings)
+    return Learned(cloud, samples, sides, rules, evidence)
 
 
 def infer(learned: Learned, options: Options, clock: Clock) -> tuple[NormalEstimate, Array, Array]:
@@ -316,7 +317,8 @@ def infer(learned: Learned, options: Options, clock: Clock) -> tuple[NormalEstim
         spacing=spacing * cloud.extent,
         seconds=dict(clock.seconds),
         rules=rules.moved(cloud.extent, cloud.middle),
-        warnings=learned.warnings,
+        evidence=learned.evidence,
+        warnings=cloud.warnings + learned.evidence.warnings,
     )
     return estimate, normals, residual
 
@@ -347,9 +349,6 @@ def _first_rules(
     return rules, replace(samples, scale=scale)
 
 
-def _facing(options: Options, points: Array, estimate: NormalEstimate) -> NormalEstimate:
-    """Turn every normal to the viewpoint, if there is one."""
-    directions = directions_to(options.viewpoint, points)
-    if directions is None:
-        return estimate
-    return replace(estimate, normals=turned_along(directions, estimate.normals))
+def _facing(points: Array, estimate: NormalEstimate) -> NormalEstimate:
+    """Turn every normal to where its point was seen from, if that is known."""
+    return replace(estimate, normals=estimate.evidence.turned(points, estimate.normals))

@@ -13,6 +13,7 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
+from o3d_sofnn.orientation.evidence import Evidence
 from o3d_sofnn.rules.rule_base import RuleBase
 
 
@@ -39,6 +40,8 @@ class NormalEstimate:
         Time of each stage.
     rules : RuleBase
         The rule base, in the coordinates of the points.
+    evidence : Evidence
+        What the sides of the normals were decided by.
     warnings : tuple of str
         What a user should look at.
     """
@@ -51,6 +54,7 @@ class NormalEstimate:
     spacing: float
     seconds: dict[str, float]
     rules: RuleBase
+    evidence: Evidence
     warnings: tuple[str, ...]
 
 

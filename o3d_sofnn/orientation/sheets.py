@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import scipy.sparse
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree
+from o3d_sofnn.geometry.frame import Frame
 from o3d_sofnn.orientation.components import pieces, turn_along
-from o3d_sofnn.orientation.confidence import (
-    empty_in_front,
-    undecided,
-)
-from o3d_sofnn.orientation.single_view import seen_together
+from o3d_sofnn.orientation.confidence import SHEET, empty_in_front, undecided, winding_before
+from o3d_sofnn.orientation.evidence import Evidence
+from o3d_sofnn.orientation.one_side import View, common_view
+from o3d_sofnn.orientation.viewpoint import SURE, seen_sides
+from o3d_sofnn.orientation.visibility import Partly
 from o3d_sofnn.rules.rule_base import RuleBase
 
 ALIKE = 0.7
@@ -43,7 +46,9 @@ RISE = 0.7
 """Largest rise of the step between them over both planes together, over its length."""
 
 
-def unify(rules: RuleBase, n_threads: int) -> tuple[RuleBase, NDArray[np.bool_]]:
+def unify(
+    rules: RuleBase, empty: NDArray[np.bool_], n_threads: int
+) -> tuple[RuleBase, NDArray[np.bool_], NDArray[np.int64]]:
     """Make sheets consistent that the winding number cannot decide: open ones.
 
     Hoppe et al. 1992: signs are handed on along a spanning tree of the rules whose edges prefer
@@ -51,13 +56,14 @@ def unify(rules: RuleBase, n_threads: int) -> tuple[RuleBase, NDArray[np.bool_]]
     wall are not joined. The tree replaces the winding number's signs only on a connected piece that
     is open (one spacing in front of it the winding number is not zero, or its two sides are no
     farther apart than noise alone would put them) and only when it leaves less than half as many
-    edges in contradiction; the whole piece keeps the side that most of it had. Pieces that are seen
-    beside an open sheet with most of the surface get their side from it.
+    edges in contradiction; the whole piece keeps the side that most of it had.
 
     Parameters
     ----------
     rules : RuleBase
         Rules with the signs of the winding number.
+    empty : (r,) bool
+        Whether nothing is in front of each of them.
     n_threads : int
         Threads.
 
@@ -67,6 +73,8 @@ def unify(rules: RuleBase, n_threads: int) -> tuple[RuleBase, NDArray[np.bool_]]
         The same rules turned.
     replaced : (r,) bool
         Rules that have their sign from the tree.
+    sheet : (r,) int64
+        Number of the sheet that each rule belongs to.
     """
     n, normals, feet = len(rules), rules.normals, rules.feet
     index = KdTree(feet, n_threads).query(feet, min(9, n), np.inf, n_threads)[1][:, 1:]
@@ -89,21 +97,16 @@ def unify(rules: RuleBase, n_threads: int) -> tuple[RuleBase, NDArray[np.bool_]]
     pieces_of_edges, count = piece[a], int(piece.max()) + 1
     before = np.bincount(pieces_of_edges, cosine < 0, count)
     after = np.bincount(pieces_of_edges, sign[a] * sign[b] * cosine < 0, count)
-    closed = np.bincount(piece, area * empty_in_front(rules, n_threads)) / np.bincount(piece, area)
+    closed = np.bincount(piece, area * empty) / np.bincount(piece, area)
     within_noise = (cosine < 0) & (rise < NOISY[0] * np.maximum(rules.noise[a], rules.noise[b]))
     edges = np.bincount(pieces_of_edges, minlength=count)
     noisy = np.bincount(pieces_of_edges, within_noise, count) > NOISY[1] * edges
     is_open = closed < CLOSED
     sheet = (noisy & (after <= NOISY[2] * before)) | (is_open & (after < 0.5 * before))
     sheet &= np.bincount(piece) >= min(PATCH[0], PATCH[1] * n)
-    main = int(np.bincount(piece, area).argmax())
-    if is_open[main] and area[piece == main].sum() > 0.5 * area.sum():
-        shown = seen_together(feet, sign[:, None] * normals, area, piece, main, n_threads)
-        sheet |= shown != 0
-        sheet[main] |= shown.any()
-        sign = sign * np.where(shown < 0, -1.0, 1.0)[piece]
     replaced = sheet[piece]
-    return rules.facing(normals * np.where(replaced, sign, 1.0)[:, None]), replaced
+    turned = rules.facing(normals * np.where(replaced, sign, 1.0)[:, None])
+    return turned, replaced, piece.astype(np.int64)
 
 
 def _signs_along(
@@ -132,10 +135,12 @@ def settle(
     rules: RuleBase,
     sides: NDArray[np.float64],
     points: NDArray[np.float64],
-    towards: NDArray[np.float64] | None,
+    frame: Frame,
     n_threads: int,
-) -> tuple[RuleBase, NDArray[np.float64], tuple[str, ...]]:
-    """Give open sheets one side each, the one the user wants if there is a wish.
+) -> tuple[RuleBase, NDArray[np.float64], Evidence]:
+    """Give open surfaces the side that was seen.
+
+    Closed pieces keep the sides of the winding number: they face outwards.
 
     Parameters
     ----------
@@ -143,8 +148,8 @@ def settle(
         Rules with the signs of the winding number.
     sides, points : (n, 3) float64
         Points and their sides, consistent with the rules.
-    towards : (3,) float64 or None
-        Every connected piece faces this direction in the mean.
+    frame : Frame
+        The unit cube that all of this is in.
     n_threads : int
         Threads.
 
@@ -154,19 +159,71 @@ def settle(
         The same rules turned.
     sides : (n, 3) float64
         The same sides turned.
-    warnings : tuple of str
-        Said when the side of a piece is a guess.
+    evidence : Evidence
+        What has decided.
     """
-    turned, replaced = unify(rules, n_threads)
-    warnings: tuple[str, ...] = ()
-    if towards is None:
-        turned, warnings = face_up(turned, n_threads)
-    else:
-        turned = face(turned, towards, n_threads)
-    return turned, turn_along(sides, points, rules, turned, replaced, n_threads), warnings
+    empty = empty_in_front(rules, n_threads)
+    turned, replaced, sheet = unify(rules, empty, n_threads)
+    winding = winding_before(turned, (0.0,), n_threads)[0]
+    is_open = _open_rules(rules, empty, n_threads)
+    share = float(rules.areas[is_open].sum() / rules.areas.sum())
+    evidence = Evidence("outward", "sides: outward, by the winding number", {"open": share})
+    seen = None
+    if share > SHARE:
+        view = common_view(turned.rows(is_open), winding[is_open], frame.origin, n_threads)
+        if view is not None:
+            seen = Partly(view.station, turned.feet, is_open, n_threads)
+            evidence = _seen(view, share, seen.outside(frame))
+            directions = seen.directions(turned.feet)
+            if evidence.decided:
+                normals = seen_sides(directions, turned.normals, turned.feet, n_threads)
+            else:
+                normals = _sheets_along(directions, turned, sheet)
+            turned = turned.facing(normals)
+    if not evidence.decided:
+        turned, warnings = face_up(turned, undecided(turned, n_threads))
+        evidence = dataclasses.replace(evidence, warnings=warnings)
+    sides = turn_along(sides, points, rules, turned, replaced, n_threads)
+    if seen is not None and evidence.decided:
+        sides = seen_sides(seen.directions(points), sides, points, n_threads)
+    return turned, sides, evidence
 
 
-def face_up(rules: RuleBase, n_threads: int) -> tuple[RuleBase, tuple[str, ...]]:
+def _sheets_along(
+    directions: NDArray[np.float64], rules: RuleBase, sheet: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Turn large sheets as a whole to a direction that they clearly face; normals, (r, 3)."""
+    facing = np.einsum("rd,rd->r", rules.normals, directions)
+    lean = np.bincount(sheet, rules.areas * facing) / np.bincount(sheet, rules.areas)
+    large = np.bincount(sheet) >= min(PATCH[0], PATCH[1] * len(rules))
+    turn = (large & (lean < -SURE))[sheet]
+    return np.where(turn[:, None], -rules.normals, rules.normals)
+
+
+def _open_rules(rules: RuleBase, empty: NDArray[np.bool_], n_threads: int) -> NDArray[np.bool_]:
+    """Rules of pieces that are open: they have something in front of them, or are too small."""
+    piece, areas = pieces(rules, n_threads), rules.areas
+    closed = np.bincount(piece, areas * empty) / np.bincount(piece, areas)
+    return np.asarray((closed < CLOSED)[piece] | (np.bincount(piece) < SHEET)[piece])
+
+
+TEXTS = {
+    "height field": "up, as level ground does that is seen from above",
+    "camera": "the origin, as in the frame of a camera that has not moved far",
+    "one side": "where they look convex from",
+}
+
+
+def _seen(view: View, share: float, sight: Partly) -> Evidence:
+    text = (
+        f"sides: open surfaces, {100.0 * share:.0f} % of all, face {TEXTS[view.kind]}; "
+        f"{100.0 * view.hidden:.0f} % are hidden from there"
+    )
+    figures = {"open": share, "hidden": view.hidden}
+    return Evidence(view.kind, text, figures, None if view.kind == "one side" else sight)
+
+
+def face_up(rules: RuleBase, toss: NDArray[np.bool_]) -> tuple[RuleBase, tuple[str, ...]]:
     """Turn the pieces that have no outside up, all of them together.
 
     Elsewhere the winding number has decided: closed surfaces face outwards, an open sheet faces the
@@ -176,8 +233,8 @@ def face_up(rules: RuleBase, n_threads: int) -> tuple[RuleBase, tuple[str, ...]]
     ----------
     rules : RuleBase
         Oriented rules.
-    n_threads : int
-        Threads.
+    toss : (r,) bool
+        Rules of those pieces.
 
     Returns
     -------
@@ -186,7 +243,6 @@ def face_up(rules: RuleBase, n_threads: int) -> tuple[RuleBase, tuple[str, ...]]
     warnings : tuple of str
         Names the share of the surface that this is.
     """
-    toss = undecided(rules, n_threads)
     share = float(rules.areas[toss].sum() / rules.areas.sum())
     if not share:
         return rules, ()
@@ -199,24 +255,3 @@ def face_up(rules: RuleBase, n_threads: int) -> tuple[RuleBase, tuple[str, ...]]
         f"{100.0 * share:.0f} % of the surface are open sheets of which neither side is the outer "
         "one: they face up; give viewpoint or towards to choose",
     )
-
-
-def face(rules: RuleBase, towards: NDArray[np.float64], n_threads: int) -> RuleBase:
-    """Turn the pieces to where the user wants them to face.
-
-    Parameters
-    ----------
-    rules : RuleBase
-        Oriented rules.
-    towards : (3,) float64
-        Every connected piece faces this direction in the mean.
-    n_threads : int
-        Threads.
-
-    Returns
-    -------
-    RuleBase
-    """
-    piece = pieces(rules, n_threads)
-    lean = np.bincount(piece, rules.areas * (rules.normals @ towards))
-    return rules.facing(rules.normals * np.where(lean < 0, -1.0, 1.0)[piece][:, None])

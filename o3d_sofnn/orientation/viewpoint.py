@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.geometry.vectors import unit
 from o3d_sofnn.orientation.winding_normals import (
     orient_points,
@@ -16,31 +17,47 @@ LEANING = 0.5
 the right side and costs all of them accuracy."""
 
 
-def directions_to(
-    viewpoint: NDArray[np.float64] | None, points: NDArray[np.float64]
-) -> NDArray[np.float64] | None:
-    """Directions from points, (n, 3), to their viewpoint, (3,) or (n, 3); None without one."""
-    return None if viewpoint is None else viewpoint - points
+SURE, VOTERS = 0.2, 8
+"""Cosine between a normal and the direction it was seen from, from which on its side is sure; the
+rest go with so many sure ones around. Less lets noise decide, more costs those seen at a slant."""
 
 
-def seen_along(directions: NDArray[np.float64], sides: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Join the sides that the winding number gives with those that are seen.
+def seen_sides(
+    directions: NDArray[np.float64],
+    sides: NDArray[np.float64],
+    places: NDArray[np.float64],
+    n_threads: int,
+) -> NDArray[np.float64]:
+    """Turn normals to where they were seen from.
 
-    The winding number is not sure of sheets that were scanned from both sides and have no rim.
+    Walls that are seen along themselves are turned as the winding number's sides around them are.
 
     Parameters
     ----------
     directions : (n, 3) float64
-        From each point to where it was seen from.
+        From each place to where it was seen from, of any length; zero where that is unknown.
     sides : (n, 3) float64
-        Unit normals of either sign.
+        Unit normals, consistent with each other.
+    places : (n, 3) float64
+        Where they are.
+    n_threads : int
+        Threads.
 
     Returns
     -------
     (n, 3) float64
-        Unit vectors between the side turned to the viewpoint and the direction to it.
+        The same normals, turned.
     """
-    return unit(turned_along(directions, sides) + unit(directions))
+    cosine = np.einsum("nd,nd->n", unit(directions), sides)
+    turn = cosine < 0.0
+    sure = np.abs(cosine) >= SURE
+    weak = ~sure & (directions != 0.0).any(axis=1)
+    if sure.any() and weak.any():
+        tree = KdTree(np.ascontiguousarray(places[sure]), n_threads)
+        asked = np.ascontiguousarray(places[weak])
+        near = tree.query(asked, min(VOTERS, tree.size), np.inf, n_threads)[1]
+        turn[weak] = turn[sure][near].mean(axis=1) > 0.5
+    return np.where(turn[:, None], -sides, sides)
 
 
 def leaned(
@@ -81,6 +98,9 @@ def find_sides(
 ) -> NDArray[np.float64]:
     """Give every sample a side: the caller's, or that of the winding number.
 
+    The winding number is not sure of sheets that were scanned from both sides and have no rim: a
+    direction from which points were seen is joined with its sides.
+
     Parameters
     ----------
     samples : Samples
@@ -98,9 +118,10 @@ def find_sides(
         Unit normals.
     """
     if normals is not None:
-        sides = unit(normals)
-    else:
-        scale = samples.scale
-        level, spacing = float(np.median(scale.noise)), float(np.median(scale.spacing))
-        sides = orient_points(samples.points, level, spacing, n_threads)
-    return sides if directions is None else seen_along(directions, sides)
+        return unit(normals)
+    scale = samples.scale
+    level, spacing = float(np.median(scale.noise)), float(np.median(scale.spacing))
+    sides = orient_points(samples.points, level, spacing, n_threads)
+    if directions is None:
+        return sides
+    return unit(seen_sides(directions, sides, samples.points, n_threads) + unit(directions))

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from o3d_sofnn.geometry.frame import Frame
 from o3d_sofnn.geometry.vectors import affine_rank, bounds
 from o3d_sofnn.sampling.cells import sort_unique
 from o3d_sofnn.validation import MIN_POINTS, check_magnitude, finite_rows
@@ -67,6 +68,11 @@ class Cloud:
     middle: Array
     extent: float
     warnings: tuple[str, ...] = ()
+
+    @property
+    def frame(self) -> Frame:
+        """The same as a value of its own."""
+        return Frame(self.middle, self.extent)
 
 
 def unit_cube(points: Array, enclosing: bool = False) -> Cloud:

@@ -99,9 +99,9 @@ def joined(scans: Sequence[Scan]) -> Scan:
 def tripod(
     station: Sequence[float], columns: int, rows: int, low: float = -60.0, high: float = 90.0
 ) -> Rays:
-    """Rays of a scanner that turns about z: equal angles, from `low` to `high` degrees."""
+    """Rays of a scanner that turns about z: equal angles, between `low` and `high` degrees."""
     turn = np.radians(np.linspace(0.0, 360.0, columns, endpoint=False))[None, :]
-    lift = np.radians(np.linspace(low, high, rows))[:, None]
+    lift = np.radians(low + (high - low) / rows * (np.arange(rows) + 0.5))[:, None]
     flat = np.cos(lift)
     up = np.broadcast_to(np.sin(lift), (rows, columns))
     rays = np.stack([flat * np.cos(turn), flat * np.sin(turn), up], axis=-1)

@@ -123,7 +123,9 @@ SCENES = {
     "street, three stations": Scene(
         _street(), [from_tripod(x, 1.0, 1.9) for x in (-25.0, 0.0, 24.0)]
     ),
-    "terrain": Scene(_terrain(), [lambda columns, rows: strips(90.0, 50.0, columns, rows // 2)]),
+    "terrain": Scene(
+        _terrain(), [lambda columns, rows: strips(90.0, 50.0, 2 * columns // 5, 5 * rows // 4)]
+    ),
     "terrain, station": Scene(_terrain(), [from_tripod(0.0, -4.0, 3.5)]),
     "table": Scene(_table(), [from_camera((0.1, -1.1, 0.7), (0.0, 0.1, 0.05))]),
     "pipes": Scene(_pipes(), [from_tripod(-0.5, 0.2, 1.5)]),
