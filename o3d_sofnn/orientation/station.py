@@ -56,6 +56,11 @@ MIRRORED = 0.3
 over what the station does not, up to which it is taken instead."""
 
 
+CENTRAL = 0.05
+"""Distance from the centre of the area, over the size of the scene, within which nobody stands:
+objects whose points were drawn around their centre are as dense as a room seen from there."""
+
+
 ORIGIN = 1.15
 """Spread that the origin of the coordinates leaves, over that of the best place, up to which it is
 as good: most sensors have their origin in themselves."""
@@ -129,12 +134,19 @@ def find_stations(samples: Samples, origin: Array, n_threads: int) -> Found | No
             continue
         discs = discs or Discs.of(samples, DISCS, n_threads)
         best = _most_seen(fits, densities, discs)
-        if best and best.hidden <= HIDDEN[several]:
+        if best and best.hidden <= HIDDEN[several] and not _is_central(best, densities[0].size):
             found.append(replace(best, left=best.left / raw))
         if found and found[-1].left < WELL:
             break
     least = min((each.left for each in found), default=0.0)
     return next((each for each in found if each.left <= FEWER * least), None)
+
+
+def _is_central(found: Found, size: float) -> bool:
+    """Whether the first station stands in the centre of the surface."""
+    discs = found.discs
+    centre = discs.areas @ discs.places / discs.areas.sum()
+    return bool(np.linalg.norm(found.stations[0].place - centre) < CENTRAL * size)
 
 
 def _most_seen(fits: list[Fit], densities: list[Density], discs: Discs) -> Found | None:

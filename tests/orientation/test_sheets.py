@@ -21,7 +21,6 @@ from shapes import (
 
 from o3d_sofnn.orientation.components import pieces, turn_along
 from o3d_sofnn.orientation.confidence import empty_in_front
-from o3d_sofnn.orientation.sheets import face
 from o3d_sofnn.pipeline import estimate_normals
 from o3d_sofnn.reference.sampling.local_fit import frame_of
 from o3d_sofnn.rules.rule_base import RuleBase
@@ -185,14 +184,6 @@ def test_a_closed_object_on_a_plate_warns_of_the_plate_alone():
     assert len(found.warnings) == 1
     assert np.median(found.confidence[:2000]) > 0.8
     assert (found.confidence[2000:] == 0.0).mean() > 0.95
-
-
-@pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_every_piece_faces_a_direction_in_the_mean(direction):
-    up, down = plane_patch(400), inside_out(plane_patch(400, seed=1).moved((3.0, 0.0, 0.0)))
-    rules = rules_on(join(up, down)).facing(join(up, down).normals)
-    turned = face(rules, np.array([0.0, 0.0, direction]), 1)
-    assert (turned.normals[:, 2] * direction > 0.0).all()
 
 
 def test_confidence_is_low_where_sides_are_uncertain():
