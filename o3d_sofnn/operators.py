@@ -56,10 +56,13 @@ def estimate_normals(
         Where the scanner stood, in the cloud's coordinates, for all points or for each of them (one
         row a point, those that are not finite included): every normal faces it.
     towards : array_like, shape (3,), optional
-        A direction that the normals face as a whole, (0, 0, 1) for terrain. At most one of
-        ``viewpoint`` and ``towards``; with neither, normals face outward. An open sheet then faces
-        the side from which it looks convex as a whole; where neither side is (a plane, terrain) it
-        faces up (z, else y, else x), its confidence is 0, and a warning in the details says so.
+        The same for a scanner that was far away: a direction that every normal faces. At most one
+        of ``viewpoint`` and ``towards``. With neither, normals face where the points were seen from
+        if the points tell: the camera of a depth image, scanners that explain the density, the sky
+        above level ground. Else they face outward; an open sheet then faces the side from which it
+        looks convex as a whole; where neither side is (a plane) it faces up (z, else y, else x),
+        its confidence is 0, and a warning in the details says so. What has decided, with its
+        figures, is in ``details.evidence``.
     n_threads : int, default -1
         -1 uses all cores. The result is the same for any number.
     print_progress : bool or callable, default False
@@ -105,6 +108,7 @@ def estimate_normals(
         estimate = pipeline.estimate_normals(
             _rows(cloud.points, finite), options.of_rows(finite), progress=progress
         )
+    _logger.info(estimate.evidence.text)
     for warning in estimate.warnings:
         _logger.warning(warning)
     details = scatter_normals(estimate, finite)
@@ -142,9 +146,8 @@ def reconstruct_surface(
     use_normals : bool, default False
         Take the sides of the surface from the cloud's own normals. False ignores them.
     viewpoint, towards : array_like, optional
-        As in :func:`estimate_normals`: the surface faces where the scanner stood, or its pieces
-        face a direction, (0, 0, 1) for terrain with its solid below. At most one of
-        ``use_normals``, ``viewpoint`` and ``towards``.
+        As in :func:`estimate_normals`: the surface faces where the scanner stood, or a direction.
+        At most one of ``use_normals``, ``viewpoint`` and ``towards``.
     trim : float or "auto", optional
         For open surfaces, terrain, scenes seen from inside: cut away what has a confidence (0 to 1)
         below this, along a smooth border. "auto" cuts at 0.5, but leaves holes closed whose area is

@@ -203,6 +203,11 @@ def _figures(source: PointFile, details: NormalEstimate | SurfaceEstimate) -> di
         "rules": len(normals.rules),
         "noise_level": normals.noise_level,
         "spacing": normals.spacing,
+        "sides": {
+            "kind": normals.evidence.kind,
+            "text": normals.evidence.text,
+            **normals.evidence.figures,
+        },
         "warnings": [*source.notes, *normals.warnings],
     }
     if isinstance(details, SurfaceEstimate):

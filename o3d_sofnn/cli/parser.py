@@ -21,8 +21,8 @@ OUT is written whole or not at all."""
 
 
 _NORMALS = """\
-Write the points of IN with oriented normals to OUT. Normals face outward, those of open sheets to
-the side from which they look convex, or as --viewpoint or --towards say. No option is needed."""
+Write the points of IN with oriented normals to OUT. Normals face outward, those of scans to where
+the scanner stood if the points tell, or as --viewpoint or --towards say. No option is needed."""
 
 
 _NORMALS_FILES = """\
@@ -34,7 +34,7 @@ OUT: ply pcd xyz xyzn npz las laz; points and their order are those of IN.
 
 _RECONSTRUCT = """\
 Write a closed mesh through the points of IN to OUT. Normals in IN are not needed. For rooms and
-other open surfaces add --trim auto, for terrain also --towards 0 0 1. No option is needed."""
+other open surfaces add --trim auto. No option is needed."""
 
 
 _RECONSTRUCT_FILES = """\
@@ -159,7 +159,7 @@ def _add_side(parser: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGro
         nargs=3,
         type=float,
         metavar=("X", "Y", "Z"),
-        help="a direction that every piece faces: 0 0 1 for terrain, its solid is below",
+        help="the same for a scanner far away: a direction that everything faces, 0 0 1 for up",
     )
     return side
 

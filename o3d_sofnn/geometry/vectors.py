@@ -32,6 +32,14 @@ def unit(x: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-300))
 
 
+def even_directions(count: int) -> NDArray[np.float64]:
+    """Spread unit vectors, (count, 3), evenly over the sphere, along a spiral from z to -z."""
+    k = np.arange(count) + 0.5
+    z, turn = 1.0 - 2.0 * k / count, np.pi * (1.0 + 5.0**0.5) * k
+    flat = np.sqrt(1.0 - z**2)
+    return np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
+
+
 SOME = 5000
 """Points of many that are looked at first: a part may say enough."""
 

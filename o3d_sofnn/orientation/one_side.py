@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.geometry.neighbors import neighborhood_areas
-from o3d_sofnn.geometry.vectors import unit
+from o3d_sofnn.geometry.vectors import even_directions, unit
 from o3d_sofnn.orientation.visibility import Discs, Station, hidden
 from o3d_sofnn.rules.rule_base import RuleBase
 
@@ -135,9 +135,5 @@ def _is_ahead(discs: Discs, origin: Array) -> bool:
 
 def _axes(discs: Discs) -> Array:
     """Directions over half a sphere, z, and the mean normal."""
-    k = np.arange(DIRECTIONS) + 0.5
-    z, turn = 1.0 - k / DIRECTIONS, np.pi * (1.0 + 5.0**0.5) * k
-    flat = np.sqrt(1.0 - z**2)
-    even = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
     mean = discs.areas @ discs.normals
-    return np.vstack([unit(mean[None]), ABOVE.place[None], even])
+    return np.vstack([unit(mean[None]), ABOVE.place, even_directions(2 * DIRECTIONS)[:DIRECTIONS]])

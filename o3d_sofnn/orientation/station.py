@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn.orientation.density import Density, Fit, spread_of
-from o3d_sofnn.orientation.visibility import DISCS, Discs, Station, hidden
+from o3d_sofnn.orientation.visibility import DISCS, Discs, Station, hidden, jumps, surrounds
 from o3d_sofnn.sampling.outliers import Samples
 
 Array = NDArray[np.float64]
@@ -23,7 +23,7 @@ UNEVEN = 0.2, 0.7
 together: with less there is too little to explain."""
 
 
-EXPLAINED, WELL = (0.45, 0.4), 0.15
+EXPLAINED, WELL = (0.45, 0.12), 0.15
 """Largest share of that spread that one station leaves, and that several leave; with less than the
 last no further station is looked for."""
 
@@ -37,8 +37,20 @@ FAR = 10.0
 one on the other side."""
 
 
-HIDDEN = 0.2, 0.1
-"""Largest share of the surface that one station does not see, and that none of several sees."""
+HIDDEN, SURELY, LARGE = (0.15, 0.1), 0.05, 0.28
+"""Largest share of the discs that one station does not see, and that several do not; up to the
+second it does not matter where they are, above it they have at most the third of the area: a place
+inside an object sees the dense parts near to it, not the others."""
+
+
+AROUND = 500, 4.0
+"""A station is inside when in every one of so many directions there is a disc, no farther off than
+so many distances of discs."""
+
+
+INSIDE, JUMPS = 0.06, 0.005
+"""Largest share that such a station does not see, and least share of the discs beside jumps of the
+range: with less the density must be explained `WELL`, since uneven balls look like that as well."""
 
 
 RIVALS, APART, MOST = 1.3, 0.02, 4
@@ -61,9 +73,9 @@ CENTRAL = 0.05
 objects whose points were drawn around their centre are as dense as a room seen from there."""
 
 
-ORIGIN = 1.15
-"""Spread that the origin of the coordinates leaves, over that of the best place, up to which it is
-as good: most sensors have their origin in themselves."""
+ORIGIN, NEARBY = 1.5, 0.15
+"""Spread that the origin of the coordinates leaves, over that of the place found this near to it,
+over the size of the scene, up to which it is taken instead: sensors are at their own origin."""
 
 
 SEVERAL = 3
@@ -80,8 +92,8 @@ class Found:
         One to three places.
     left : float
         Spread of the density that they leave, over the one there is.
-    hidden : float
-        Share of the discs that none of them sees.
+    hidden, hidden_area : float
+        Share of the discs that are hidden from the station to which they owe most, and of the area.
     discs : Discs
         The surface.
     """
@@ -89,6 +101,7 @@ class Found:
     stations: tuple[Station, ...]
     left: float
     hidden: float
+    hidden_area: float
     discs: Discs
 
 
@@ -125,28 +138,45 @@ def find_stations(samples: Samples, origin: Array, n_threads: int) -> Found | No
     fits: list[Fit] = []
     for count in range(1, SEVERAL + 1 if raw > UNEVEN[1] else 2):
         fits = [fit for density in densities for fit in density.fits(count, fits)]
-        if count == 1:
-            home = origin[None]
-            fits.append(Fit(home, min(density.spread(home) for density in densities) / ORIGIN))
         fits.sort(key=lambda fit: fit.spread)
+        if count == 1 and _is_near(origin, fits[0], densities):
+            fits.insert(0, Fit(origin[None], fits[0].spread))
         several = int(count > 1)
         if fits[0].spread > EXPLAINED[several] * raw:
             continue
         discs = discs or Discs.of(samples, DISCS, n_threads)
         best = _most_seen(fits, densities, discs)
-        if best and best.hidden <= HIDDEN[several] and not _is_central(best, densities[0].size):
+        if (
+            best
+            and best.hidden <= HIDDEN[several]
+            and (best.hidden <= SURELY or best.hidden_area <= LARGE)
+        ):
             found.append(replace(best, left=best.left / raw))
         if found and found[-1].left < WELL:
             break
     least = min((each.left for each in found), default=0.0)
-    return next((each for each in found if each.left <= FEWER * least), None)
+    found = [each for each in found if each.left <= FEWER * least]
+    return found[0] if found and _is_scanner(found[0], densities[0].size) else None
 
 
-def _is_central(found: Found, size: float) -> bool:
-    """Whether the first station stands in the centre of the surface."""
-    discs = found.discs
+def _is_near(origin: Array, fit: Fit, densities: list[Density]) -> bool:
+    """Whether the origin is about where the station was found, and explains about as much."""
+    near = np.linalg.norm(fit.stations[0] - origin) <= NEARBY * densities[0].size
+    left = min(density.spread(origin[None]) for density in densities)
+    return bool(near and left <= ORIGIN * fit.spread)
+
+
+def _is_scanner(found: Found, size: float) -> bool:
+    """Whether this is not rather the inside of an object that is closed around the station."""
+    discs, station = found.discs, found.stations[0]
     centre = discs.areas @ discs.places / discs.areas.sum()
-    return bool(np.linalg.norm(found.stations[0].place - centre) < CENTRAL * size)
+    if np.linalg.norm(station.place - centre) < CENTRAL * size:
+        return False
+    distance = AROUND[1] * float(np.sqrt(4.0 * np.pi / len(discs.places)))
+    if len(found.stations) > 1 or not surrounds(discs, station.place, AROUND[0], distance):
+        return True
+    convex = jumps(discs, station.place) < JUMPS
+    return found.hidden <= INSIDE and (found.left < WELL or not convex)
 
 
 def _most_seen(fits: list[Fit], densities: list[Density], discs: Discs) -> Found | None:
@@ -173,15 +203,16 @@ def _seen(fit: Fit, densities: list[Density], discs: Discs) -> Found:
     rays = fit.stations[:, None] - places
     square = (rays**2).sum(axis=2)
     owner = (np.abs((rays * normals).sum(axis=2)) / square**1.5).argmax(axis=0)
-    taken, lost = fit.stations, 0.0
+    taken, lost = fit.stations, np.zeros(len(rows), bool)
     for number, place in enumerate(fit.stations):
-        mine = rows[owner == number]
+        mine = owner == number
         near = square[number].argmin()
         image = taken.copy()
-        image[number] = place + 2.0 * (rays[number, near] @ normals[near]) * -normals[near]
-        unseen = [hidden(discs, Station(each[number]), mine).sum() for each in (taken, image)]
+        image[number] = place - 2.0 * (rays[number, near] @ normals[near]) * normals[near]
+        views = [hidden(discs, Station(each[number]), rows[mine]) for each in (taken, image)]
         same = min(density.spread(image) for density in densities) <= RIVALS * fit.spread
-        if same and unseen[1] < MIRRORED * unseen[0]:
-            taken, unseen = image, unseen[::-1]
-        lost += unseen[0]
-    return Found(tuple(Station(place) for place in taken), fit.spread, lost / len(rows), discs)
+        turn = same and views[1].sum() < MIRRORED * views[0].sum()
+        taken, lost[mine] = (image, views[1]) if turn else (taken, views[0])
+    stations = tuple(Station(place) for place in taken)
+    areas = discs.areas[rows]
+    return Found(stations, fit.spread, float(lost.mean()), float(areas @ lost / areas.sum()), discs)

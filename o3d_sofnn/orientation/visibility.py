@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree, fit_scales
 from o3d_sofnn.geometry.frame import Frame
-from o3d_sofnn.geometry.vectors import unit
+from o3d_sofnn.geometry.vectors import even_directions, unit
 from o3d_sofnn.sampling.local_fit import spacing_of
 from o3d_sofnn.sampling.outliers import Samples
 
@@ -29,6 +29,11 @@ more where the noise asks for it."""
 
 IMAGE, HITS = 24, 2
 """Neighbours in the image that may hide a place, and how many of them must."""
+
+
+BESIDE, LEAP = 6, 0.3
+"""Neighbours in the image that a jump of the range may be to, and least sine of its angle with the
+surface on both sides."""
 
 
 GAP = 2.5
@@ -232,3 +237,54 @@ def hidden(discs: Discs, station: Station, asked: NDArray[np.int64]) -> NDArray[
     if not station.far:
         hit &= along < length[:, None]
     return np.asarray(hit.sum(axis=1) >= HITS)
+
+
+def surrounds(discs: Discs, place: Array, n_directions: int, distance: float) -> bool:
+    """Tell whether there are discs all around a place.
+
+    Parameters
+    ----------
+    discs : Discs
+        The surface.
+    place : (3,) float64
+        The place.
+    n_directions : int
+        Directions that are looked in.
+    distance : float
+        Largest distance on the unit sphere to the nearest disc.
+
+    Returns
+    -------
+    bool
+    """
+    tree = KdTree(Station(place).image(discs.places), discs.n_threads)
+    ways = even_directions(n_directions)
+    return bool((tree.query(ways, 1, np.inf, discs.n_threads)[0] <= distance).all())
+
+
+def jumps(discs: Discs, place: Array) -> float:
+    """Share of the discs that a place sees beside others which are far in front or behind.
+
+    Parameters
+    ----------
+    discs : Discs
+        The surface.
+    place : (3,) float64
+        The place.
+
+    Returns
+    -------
+    float
+        0 for a convex surface around it.
+    """
+    image = Station(place).image(discs.places)
+    count = min(BESIDE + 1, len(image))
+    beside = KdTree(image, discs.n_threads).query(image, count, np.inf, discs.n_threads)[1][:, 1:]
+    step = discs.places[beside] - discs.places[:, None]
+    length = np.maximum(np.linalg.norm(step, axis=2), 1e-300)
+    across = np.minimum(
+        np.abs(np.einsum("pkd,pkd->pk", step, discs.normals[beside])),
+        np.abs(np.einsum("pkd,pd->pk", step, discs.normals)),
+    )
+    far = length > GAP * np.maximum(discs.reach[beside], discs.reach[:, None])
+    return float((far & (across > LEAP * length)).any(axis=1).mean())

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from scans import scenes
 from scipy.spatial import cKDTree
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "demos" / "benchmarks"))
-
-import scenes
 
 CENTER = np.array([1.0, 2.0, 0.5])
 SOLIDS = {
