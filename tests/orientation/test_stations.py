@@ -12,13 +12,13 @@ from o3d_sofnn.geometry.vectors import even_directions
 from o3d_sofnn.orientation.density import Density
 from o3d_sofnn.orientation.station import find_stations
 from o3d_sofnn.orientation.visibility import Discs, Several, Station, hidden
-from o3d_sofnn.pipeline import _unit_cube
+from o3d_sofnn.sampling.normalization import unit_cube
 from o3d_sofnn.sampling.outliers import part_outliers
 from o3d_sofnn.sampling.scale import Limits
 
 
 def samples_of(points):
-    cloud = _unit_cube(points)
+    cloud = unit_cube(points)
     return part_outliers(cloud.points, Limits(), 1), cloud.frame
 
 
