@@ -73,6 +73,12 @@ CENTRAL = 0.05
 objects whose points were drawn around their centre are as dense as a room seen from there."""
 
 
+CLOSEST, CLEARANCE = 0.02, 0.4
+"""Share of the discs that are nearest to a station, and least range of these over the distance of
+discs there, over what that is elsewhere: at the poles of a ball of longitudes and latitudes
+points are dense as well. Measured: 0.2 there, at least 0.59 for 17 scans."""
+
+
 ORIGIN, NEARBY = 1.5, 0.15
 """Spread that the origin of the coordinates leaves, over that of the place found this near to it,
 over the size of the scene, up to which it is taken instead: sensors are at their own origin."""
@@ -171,6 +177,12 @@ def _is_scanner(found: Found, size: float) -> bool:
     discs, station = found.discs, found.stations[0]
     centre = discs.areas @ discs.places / discs.areas.sum()
     if np.linalg.norm(station.place - centre) < CENTRAL * size:
+        return False
+    ranges = np.linalg.norm(discs.places - station.place, axis=1)
+    apart = discs.reach > 1e-6 * np.median(discs.reach)
+    farness = ranges[apart] / discs.reach[apart]
+    nearest = np.argsort(ranges[apart], kind="stable")[: max(1, int(CLOSEST * len(ranges)))]
+    if np.median(farness[nearest]) < CLEARANCE * np.median(farness):
         return False
     distance = AROUND[1] * float(np.sqrt(4.0 * np.pi / len(discs.places)))
     if len(found.stations) > 1 or not surrounds(discs, station.place, AROUND[0], distance):

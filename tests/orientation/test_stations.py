@@ -103,12 +103,23 @@ def uneven(shape, thinned=30.0):
     return shape.points[keep]
 
 
+LATITUDE, LONGITUDE = np.meshgrid(np.pi * np.arange(31) / 30.0, np.pi * np.arange(60) / 30.0)
+BALL = np.stack(
+    [
+        np.sin(LATITUDE) * np.cos(LONGITUDE),
+        np.sin(LATITUDE) * np.sin(LONGITUDE),
+        np.cos(LATITUDE),
+    ],
+    axis=-1,
+).reshape(-1, 3)
 SPIRAL = even_directions(6000)
 OBJECTS = {
     **{name: shape.points for name, shape in CLOSED.items()},
     "uneven box": uneven(box(12_000, (1.0, 0.6, 0.4))),
     "uneven torus": uneven(torus(12_000)),
     "uneven sphere": uneven(sphere(12_000)),
+    "ball of longitudes and latitudes": BALL,
+    "ellipsoid of longitudes and latitudes": BALL * [1.0, 2.0, 0.5],
     "cube drawn around its middle": (u := even_directions(6000))
     / np.abs(u).max(axis=1, keepdims=True),
     "cuboid drawn around its middle": SPIRAL
