@@ -33,7 +33,9 @@ from o3d_sofnn.rules.trust import Experience, shipped
 from o3d_sofnn.sampling.local_fit import Neighborhoods
 from o3d_sofnn.sampling.normalization import Cloud, unit_cube
 from o3d_sofnn.sampling.outliers import MANY, Samples, part_outliers
+from o3d_sofnn.sampling.quantization import Steps, spread_rounded
 from o3d_sofnn.sampling.scale import Limits, refine_scale
+from o3d_sofnn.sampling.sight import between
 from o3d_sofnn.sampling.typical_data import typical_data
 from o3d_sofnn.validation import thread_count
 
@@ -184,6 +186,10 @@ class Learned:
     ----------
     cloud : Cloud
         Distinct points; all that follows is in their unit.
+    steps : Steps
+        To which their coordinates were rounded.
+    hanging : (d,) bool
+        Outliers between things, as seen from the viewpoint.
     samples : Samples
         The m of them that are no outliers.
     sides : (m, 3) float64
@@ -195,6 +201,8 @@ class Learned:
     """
 
     cloud: Cloud
+    steps: Steps
+    hanging: NDArray[np.bool_]
     samples: Samples
     sides: Array
     rules: RuleBase
@@ -238,10 +246,16 @@ def learn_rules(
     """
     threads = thread_count(options.n_threads)
     with clock.stage("cells"):  # Algorithm 1, steps 1 and 2
-        cloud = unit_cube(points, enclosing)
+        cloud, steps = spread_rounded(unit_cube(points, enclosing), threads)
     limits = _limits(options, cloud.extent)
     with clock.stage("scale"):  # Algorithm 1, steps 3 to 6
-        samples = part_outliers(cloud.points, limits, threads, cloud.near)
+        viewpoint = _viewpoint(options, cloud)
+        far = None if viewpoint is None else np.linalg.norm(cloud.points - viewpoint, axis=1)
+        samples = part_outliers(cloud.points, limits, threads, cloud.near, distance=far)
+        hanging = between(cloud.points, viewpoint, samples.scale, threads)
+        if hanging.any():
+            samples = samples.without(hanging[samples.kept], limits, threads)
+        samples = steps.floored(samples, threads)
     with clock.stage("orientation"):
         evidence = told(normals, options.viewpoint, options.towards)
         evidence = evidence or found(points, samples, cloud.frame, threads)
@@ -260,6 +274,7 @@ def learn_rules(
         with clock.stage("outliers"):  # Algorithm 1, step 5, asked of the rules
             off = beside_surface(rules, samples, sides, experience, threads)
             samples, sides = samples.without(off, limits, threads), sides[~off]
+            samples = steps.floored(samples, threads)
         rules, samples = _first_rules(samples, sides, limits, clock, threads)
     with clock.stage("growth"):  # section 3.2
         rules = grow(rules, samples, sides, limits, experience, threads)
@@ -270,7 +285,7 @@ def learn_rules(
         with clock.stage("outliers"):
             off = beside_surface(rules, samples, sides, experience, threads)
             samples, sides = samples.parted(off, threads), sides[~off]
-    return Learned(cloud, samples, sides, rules, evidence)
+    return Learned(cloud, steps, hanging, samples, sides, rules, evidence)
 
 
 def infer(learned: Learned, options: Options, clock: Clock) -> tuple[NormalEstimate, Array, Array]:
@@ -301,11 +316,13 @@ def infer(learned: Learned, options: Options, clock: Clock) -> tuple[NormalEstim
             rules, cloud.points, threads, sides=sides, experience=shipped()
         )
         nearest = KdTree(rules.feet, threads).query(cloud.points, 1, np.inf, threads)[1][:, 0]
-        confidence = agreement * rules.confidence[nearest]
+        confidence = np.where(learned.hanging, 0.0, agreement * rules.confidence[nearest])
         noise = rules.noise[nearest]
         spacing = float(np.median(samples.scale.spacing))
         doubt = (1.0 - confidence) * np.minimum(1.0, 2.0 * noise / spacing)
         leaning = leaned(normals, sides, doubt)
+        noise = learned.steps.given(noise, cloud.points, threads)
+        level = learned.steps.given(samples.scale.noise, samples.scale.places, threads)
         check_stage("inference", normals=leaning, confidences=confidence, residuals=residual)
     back = cloud.inverse
     estimate = NormalEstimate(
@@ -313,7 +330,7 @@ def infer(learned: Learned, options: Options, clock: Clock) -> tuple[NormalEstim
         confidence=confidence[back],
         outliers=~samples.kept[back],
         noise=noise[back] * cloud.extent,
-        noise_level=float(np.median(samples.scale.noise)) * cloud.extent,
+        noise_level=float(np.median(level)) * cloud.extent,
         spacing=spacing * cloud.extent,
         seconds=dict(clock.seconds),
         rules=rules.moved(cloud.extent, cloud.middle),
@@ -321,6 +338,14 @@ def infer(learned: Learned, options: Options, clock: Clock) -> tuple[NormalEstim
         warnings=cloud.warnings + learned.evidence.warnings,
     )
     return estimate, normals, residual
+
+
+def _viewpoint(options: Options, cloud: Cloud) -> Array | None:
+    """Where all distinct points were seen from, or each, in the unit cube."""
+    if options.viewpoint is None:
+        return None
+    x = (options.viewpoint - cloud.middle) / cloud.extent
+    return x if x.ndim == 1 else x[cloud.first]
 
 
 def _limits(options: Options, extent: float) -> Limits:

@@ -1,0 +1,218 @@
+"""Stage 1: coordinates that were rounded, and what that adds to the noise.
+
+Rounded coordinates (LAS steps, text with few digits, voxel filters, steps of disparity) have an
+error that is even within a known width. Fits to points on one level take it for the surface, and
+their noise is 0; where a step is longer than the spacing the surface falls apart into layers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from o3d_sofnn._kernels import KdTree
+from o3d_sofnn.sampling.levels import REGULAR, find_levels
+from o3d_sofnn.sampling.outliers import Samples
+from o3d_sofnn.sampling.rounding import COARSE, evidence, fit_across
+from o3d_sofnn.sampling.scale import PILOTS, REGION
+
+AROUND, FEWEST = 300, 100
+"""Points around a pilot whose coordinates are looked at, and of the smallest cloud looked at."""
+
+
+FINE = 0.2
+"""Steps below this, over the spacing, are left alone: they add less than 0.06 spacings of noise."""
+
+
+APART = 40
+"""Points for each pilot, at least, so that regions are many points wide."""
+
+
+VOTES = (4, 1.5)
+"""Pilots of a region that must speak for rounding, and over those that speak against it."""
+
+
+SOLID = 0.25
+"""Share of the pilots with steps along an axis whose regions must agree before others follow."""
+
+
+GROWING = 0.2
+"""Scatter of steps over squared distances, in logarithms, below which they grow with these."""
+
+
+RECURRENCE = 1.2207440846057596 ** -np.arange(1.0, 4.0)
+"""Additive recurrence of the offsets within a cell: even in one, two and three dimensions (Roberts
+2018, The unreasonable effectiveness of quasirandom sequences)."""
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Widths of the cells that coordinates were rounded to, known at a few pilot points.
+
+    Attributes
+    ----------
+    tree : KdTree or None
+        Over the pilots; None where no coordinate was rounded.
+    width : (p, 3) float64
+        Step along each axis, 0 for none, in the unit of the points.
+    coarse : (p, 3) bool
+        Axes along which points are spread within their cells.
+    normals : (p, 3) float64
+        Of the surface there.
+    """
+
+    tree: KdTree | None
+    width: NDArray[np.float64]
+    coarse: NDArray[np.bool_]
+    normals: NDArray[np.float64]
+
+    def spread(self, points: NDArray[np.float64], n_threads: int) -> NDArray[np.float64]:
+        """Spread points (n, 3), in Morton order, evenly within the cells they were rounded to.
+
+        None moves by more than half a step along an axis.
+        """
+        if self.tree is None or not self.coarse.any():
+            return points
+        at = _nearest(self.tree, points, n_threads)
+        width = np.where(self.coarse, self.width, 0.0)[at]
+        share = (np.arange(1, len(points) + 1)[:, None] * RECURRENCE) % 1.0 - 0.5
+        return np.ascontiguousarray(points + share * width)
+
+    def floored(self, samples: Samples, n_threads: int) -> Samples:
+        """Raise the noise in the scale of samples to that of the rounding."""
+        if self.tree is None:
+            return samples
+        scale = samples.scale
+        floor = self._deviation(self.width)[_nearest(self.tree, scale.places, n_threads)]
+        return replace(samples, scale=replace(scale, noise=np.maximum(scale.noise, floor)))
+
+    def given(
+        self, noise: NDArray[np.float64], points: NDArray[np.float64], n_threads: int
+    ) -> NDArray[np.float64]:
+        """Noise (n,) of the points as they were given, from what it is after :meth:`spread`."""
+        if self.tree is None:
+            return noise
+        at = _nearest(self.tree, points, n_threads)
+        added = self._deviation(np.where(self.coarse, self.width, 0.0))[at]
+        before = np.sqrt(np.maximum(noise**2 - added**2, 0.0))
+        return np.asarray(np.maximum(before, self._deviation(self.width)[at]))
+
+    def _deviation(self, width: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the deviation (p,) along the normals of errors that are even within widths."""
+        return np.asarray(np.sqrt((self.normals**2 * width**2).sum(axis=1) / 12.0))
+
+
+def find_steps(points: NDArray[np.float64], origin: NDArray[np.float64], n_threads: int) -> Steps:
+    """Find where coordinates have been rounded, and to which steps.
+
+    Coordinates that lie on a few regular levels were rounded to them, or the surface was sampled
+    there: on a grid, in slices, in rings. Regions in which more neighbourhoods speak for the first
+    (:func:`rounding.evidence`) have a step; others are as they would be without.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        Distinct points in Morton order.
+    origin : (3,) float64
+        Where a depth camera would be that has an axis of the points as its own.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    Steps
+        Without a tree where no coordinate was rounded to a step of `FINE` spacings or more.
+    """
+    n, k = len(points), min(AROUND, len(points))
+    none = Steps(None, np.zeros((0, 3)), np.zeros((0, 3), bool), np.zeros((0, 3)))
+    if n < FEWEST:
+        return none
+    pilots = np.linspace(0, n - 1, min(-(-n // APART), PILOTS)).astype(np.int64)
+    start = np.clip(pilots - k // 2, 0, n - k)
+    if not _steps(points[start[:, None] + np.arange(k)]).any():  # most clouds: without a tree
+        return none
+    tree, places = KdTree(points, n_threads), points[pilots]
+    distance, near = tree.query(places, k, np.inf, n_threads)
+    around = points[near]
+    spacing = distance[:, -1] * np.sqrt(np.pi / k)
+    step = _steps(around)
+    step[step < FINE * spacing[:, None]] = 0.0
+    if not step.any():
+        return none
+    fits = fit_across(points, tree, step, distance, around, n_threads)
+    rounded, sampled = evidence(step, spacing, around, fits)
+    pilot_tree = KdTree(places, n_threads)
+    region = pilot_tree.query(places, min(REGION, len(places)), np.inf, n_threads)[1]
+    width = _agreed(step, rounded, sampled, region)
+    if not width.any():
+        return none
+    level = np.ptp(around, axis=1) == 0.0
+    agreed = ((width > 0.0) & (step > 0.0)).sum(axis=0)
+    for axis in np.flatnonzero((agreed > 0) & (agreed >= SOLID * (step > 0.0).sum(axis=0))):
+        distance = np.abs(places[:, axis] - origin[axis])
+        width[:, axis] = _continued(width[:, axis], step[:, axis], level[:, axis], distance)
+    return Steps(pilot_tree, width, width > COARSE * spacing[:, None], fits.normals)
+
+
+def _steps(around: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Find steps (p, 3) of the coordinates of neighbourhoods (p, k, 3), 0 where they have none.
+
+    A single gap is a step where another axis has the same.
+    """
+    found = [find_levels(around[:, :, axis]) for axis in range(3)]
+    step = np.stack([one for one, _ in found], axis=1)
+    several = np.stack([count > 2 for _, count in found], axis=1)
+    sure = np.where(several, step, 0.0).max(axis=1, keepdims=True)
+    return np.where(several | _alike(step, sure), step, 0.0)
+
+
+def _agreed(
+    step: NDArray[np.float64],
+    rounded: NDArray[np.bool_],
+    sampled: NDArray[np.bool_],
+    region: NDArray[np.int64],
+) -> NDArray[np.float64]:
+    """Choose steps (p, 3) of regions in which pilots speak for rounding and not against it."""
+    votes = rounded[region].sum(axis=1)
+    won = (votes >= VOTES[0]) & (votes >= VOTES[1] * sampled[region].sum(axis=1))
+    won &= won[region].mean(axis=1) >= 0.5
+    falling = -np.sort(-np.where(rounded, step, 0.0)[region], axis=1)
+    median = np.take_along_axis(falling, votes[:, None] // 2, axis=1)[:, 0]
+    return np.where(won, np.where(_alike(step, median), step, median), 0.0)
+
+
+def _continued(
+    width: NDArray[np.float64],
+    step: NDArray[np.float64],
+    level: NDArray[np.bool_],
+    distance: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Give agreed steps (p,) of an axis to other places of the file: it writes its numbers one way.
+
+    They are those whose points are all on one `level`, where steps do not show, and those with the
+    same steps, where nothing tells what they are. Where steps grow with the square of the distance
+    from the camera, as those of disparity do, "the same" means that.
+    """
+    known = (width > 0.0) & (step > 0.0)
+    even, square = step[known], step[known] / np.maximum(distance[known], 1e-12) ** 2
+    grows = _scatter(square) < min(0.5 * _scatter(even), GROWING)
+    usual = np.median(square) * distance**2 if grows else np.full(len(step), np.median(even))
+    more = (width == 0.0) & (level | _alike(step, usual))
+    return np.where(more, np.where(step > 0.0, step, usual), width)
+
+
+def _alike(step: NDArray[np.float64], usual: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell steps that may be the usual ones; 0 is not."""
+    return (step >= REGULAR[0] * usual) & (step <= REGULAR[1] * usual) & (step > 0.0)
+
+
+def _scatter(values: NDArray[np.float64]) -> float:
+    """Half of the range that the middle half of the logarithms of positive values has."""
+    low, high = np.quantile(np.log(values), [0.25, 0.75])
+    return float(0.5 * (high - low))
+
+
+def _nearest(tree: KdTree, x: NDArray[np.float64], n_threads: int) -> NDArray[np.int64]:
+    return np.asarray(tree.query(x, 1, np.inf, n_threads)[1][:, 0])
