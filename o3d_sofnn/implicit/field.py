@@ -53,6 +53,11 @@ PLACES = 50_000
 """Samples that say enough about the mean winding number of all."""
 
 
+LONE = 8.0
+"""Most of the edge of the square that a sample covers, over the spacing. A clump of fewer points
+than neighbours are asked for, far from all others, would weigh as much as a room."""
+
+
 ALIKE = 8
 """Most consecutive samples that share one area."""
 
@@ -97,7 +102,7 @@ class Field:
         self._spacing = spacing
         self.n_threads = n_threads
         self._view = rules.view(n_threads, trust=trust(rules))
-        weight = self._areas(samples)
+        weight = np.minimum(self._areas(samples), (LONE * spacing) ** 2)
         self._dipoles = weight[:, None] * normals
         self._far_tree = _kernels.WindingTree(samples, weight, n_threads)
         # As in Poisson reconstruction the level is the mean over the samples: 1/2 on closed data.

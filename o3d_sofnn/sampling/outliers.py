@@ -20,7 +20,8 @@ and over that of the neighbours themselves."""
 
 
 SPARSE = 2.0
-"""Distance of neighbours, over that of the whole cloud, from which on pilots may be outliers."""
+"""Distance of neighbours, over that of the whole cloud, from which on pilots may be outliers. From
+one place the spacing grows with the distance: where that is known, both are divided by it."""
 
 
 FLAT = 0.05
@@ -71,6 +72,8 @@ def part_outliers(
     limits: Limits,
     n_threads: int,
     near: NDArray[np.bool_] | None = None,
+    *,
+    distance: NDArray[np.float64] | None = None,
 ) -> Samples:
     """Part the points from their outliers, and find the scale of what remains.
 
@@ -85,6 +88,8 @@ def part_outliers(
         As in :func:`o3d_sofnn.sampling.scale.choose_scale`.
     near : (n,) bool, optional
         False for points that are known as outliers.
+    distance : (n,) float64, optional
+        From where each point was seen.
 
     Returns
     -------
@@ -95,7 +100,8 @@ def part_outliers(
     tree = KdTree(points, n_threads)
     samples = Samples(points, tree, choose_scale(points, tree, limits, n_threads), kept)
     for _ in range(2):
-        off = find_outliers(samples.points, samples.tree, samples.scale, n_threads)
+        far = None if distance is None else distance[samples.kept]
+        off = find_outliers(samples.points, samples.tree, samples.scale, n_threads, distance=far)
         if off.any():
             samples = samples.without(off, limits, n_threads)
         if off.mean() < MANY:
@@ -108,6 +114,8 @@ def find_outliers(
     tree: KdTree,
     scale: Scale,
     n_threads: int,
+    *,
+    distance: NDArray[np.float64] | None = None,
 ) -> NDArray[np.bool_]:
     """Mark points that lie alone (Algorithm 1, step 5).
 
@@ -126,6 +134,8 @@ def find_outliers(
         Of the same points.
     n_threads : int
         Threads.
+    distance : (n,) float64, optional
+        From where each point was seen.
 
     Returns
     -------
@@ -135,7 +145,7 @@ def find_outliers(
     k = min(COMPANY + 1, len(points))
     if k < 5:
         return np.zeros(len(points), bool)
-    usual = _usual_distance(points, tree, scale, k, n_threads)
+    usual = _usual_distance(points, tree, scale, k, distance, n_threads)
     # All neighbours within the limit: so is their mean. Only the few others are looked at closely.
     crowded = tree.crowded(points, k, ALONE[0] * usual, n_threads)
     doubtful = np.flatnonzero(crowded == 0)
@@ -153,7 +163,12 @@ def find_outliers(
 
 
 def _usual_distance(
-    points: NDArray[np.float64], tree: KdTree, scale: Scale, k: int, n_threads: int
+    points: NDArray[np.float64],
+    tree: KdTree,
+    scale: Scale,
+    k: int,
+    distance: NDArray[np.float64] | None,
+    n_threads: int,
 ) -> NDArray[np.float64]:
     """Distance of neighbours on the surface around each point, (n,).
 
@@ -161,7 +176,10 @@ def _usual_distance(
     have no say, or outliers would be compared with outliers.
     """
     usual = scale.spacing + scale.noise
-    credible = usual <= SPARSE * np.median(usual)
+    expected = np.ones(len(usual))
+    if distance is not None:
+        expected = distance[tree.query(scale.places, 1, np.inf, n_threads)[1][:, 0]]
+    credible = usual <= SPARSE * np.median(usual / np.maximum(expected, 1e-300)) * expected
     sparse = np.flatnonzero(~credible)
     if len(sparse):
         places = scale.places[sparse]

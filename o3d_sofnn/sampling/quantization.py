@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.sampling.levels import REGULAR, find_levels
+from o3d_sofnn.sampling.normalization import Cloud
 from o3d_sofnn.sampling.outliers import Samples
 from o3d_sofnn.sampling.rounding import COARSE, evidence, fit_across
 from o3d_sofnn.sampling.scale import PILOTS, REGION
@@ -102,6 +103,13 @@ class Steps:
     def _deviation(self, width: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the deviation (p,) along the normals of errors that are even within widths."""
         return np.asarray(np.sqrt((self.normals**2 * width**2).sum(axis=1) / 12.0))
+
+
+def spread_rounded(cloud: Cloud, n_threads: int) -> tuple[Cloud, Steps]:
+    """Find to which steps a cloud was rounded, and spread its points where they are long."""
+    points = cloud.points if cloud.near.all() else np.ascontiguousarray(cloud.points[cloud.near])
+    steps = find_steps(points, -cloud.middle / cloud.extent, n_threads)
+    return replace(cloud, points=steps.spread(cloud.points, n_threads)), steps
 
 
 def find_steps(points: NDArray[np.float64], origin: NDArray[np.float64], n_threads: int) -> Steps:
