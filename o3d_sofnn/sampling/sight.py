@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree
+from o3d_sofnn.geometry.vectors import longest_side
 from o3d_sofnn.sampling.scale import Scale
 
 BESIDE = 8
@@ -17,8 +18,10 @@ COMPANY = 2
 distance from the scanner, and at its border those on one side."""
 
 
-NEAR, NOISY = 3.0, 4.0
-"""How near that is: over the distance between rays there, and over the noise level."""
+NEAR, NOISY = 5.0, 4.0
+"""How near that is: over the distance between rays there, plus over the noise level. Of the points
+that hang in the air behind a ball 0.89 are found; of a floor seen by random rays at up to 87 degrees
+0.016, of one seen by rows of rays none. With 3 they are 0.96 and 0.057."""
 
 
 VEILED = 0.1
@@ -28,6 +31,10 @@ were seen, or everything is leaves and wires."""
 
 VIEW = 100
 """Fewest points that make a view."""
+
+
+PARALLEL = 1e6
+"""Distance of a viewpoint over the size of the cloud from which on directions have too few digits."""
 
 
 def between(
@@ -69,11 +76,11 @@ def between(
     noise = scale.noise[scale.at(points, n_threads)]
     if viewpoint.ndim == 1:
         return _hanging(points - viewpoint, noise, n_threads)
-    places, view = np.unique(viewpoint, axis=0, return_inverse=True)
-    by_view = np.argsort(view.ravel(), kind="stable")
-    for rows in np.split(by_view, np.cumsum(np.bincount(view.ravel()))[:-1]):
-        seen = np.ascontiguousarray(points[rows] - places[view.ravel()[rows[0]]])
-        hanging[rows] = _hanging(seen, noise[rows], n_threads)
+    places, view, count = np.unique(viewpoint, axis=0, return_inverse=True, return_counts=True)
+    by_view, ends = np.argsort(view.ravel(), kind="stable"), np.cumsum(count)
+    for i in np.flatnonzero(count >= VIEW):
+        rows = by_view[ends[i] - count[i] : ends[i]]
+        hanging[rows] = _hanging(points[rows] - places[i], noise[rows], n_threads)
     return hanging
 
 
@@ -81,13 +88,13 @@ def _hanging(
     seen: NDArray[np.float64], noise: NDArray[np.float64], n_threads: int
 ) -> NDArray[np.bool_]:
     """Mark points between things among those that were seen from the origin."""
-    if len(seen) < VIEW:
-        return np.zeros(len(seen), bool)
     distance = np.maximum(np.linalg.norm(seen, axis=1), 1e-300)
+    if len(seen) < VIEW or distance.min() > PARALLEL * longest_side(seen):
+        return np.zeros(len(seen), bool)
     rays = seen / distance[:, None]
     angle, near = KdTree(rays, n_threads).query(rays, BESIDE + 1, np.inf, n_threads)
     apart = distance * angle[:, -1] * np.sqrt(np.pi / BESIDE)
     reach = NEAR * apart + NOISY * noise
     beside = np.linalg.norm(seen[near[:, 1:]] - seen[:, None], axis=2) <= reach[:, None]
     alone = beside.sum(axis=1) < COMPANY
-    return alone & (alone.mean() <= VEILED)
+    return np.asarray(alone & (alone.mean() <= VEILED))
