@@ -20,8 +20,8 @@ distance from the scanner, and at its border those on one side."""
 
 NEAR, NOISY = 5.0, 4.0
 """How near that is: over the distance between rays there, plus over the noise level. Of the points
-that hang in the air behind a ball 0.89 are found; of a floor seen by random rays at up to 87 degrees
-0.016, of one seen by rows of rays none. With 3 they are 0.96 and 0.057."""
+that hang in the air behind a ball 0.89 are found; of a floor seen by random rays at up to 87
+degrees 0.016, of one seen by rows of rays none. With 3 they are 0.96 and 0.057."""
 
 
 VEILED = 0.1
@@ -34,7 +34,8 @@ VIEW = 100
 
 
 PARALLEL = 1e6
-"""Distance of a viewpoint over the size of the cloud from which on directions have too few digits."""
+"""Distance of a viewpoint over the size of the cloud from which on directions have too few
+digits."""
 
 
 def between(
