@@ -3,6 +3,7 @@
 # make meshlab-plugin: the same, and MeshLab's sources from Debian, for the plugin's tests alone.
 # make browser: Chromium, without which the tests of the comparison's report are skipped; as root.
 # make ext: the native module beside its sources, for work on the package without installing it.
+# make sanitize: kernels and pipeline under GCC's sanitizers; minutes, and not part of make test.
 
 PYTHON ?= python3
 VENV := .venv
@@ -20,7 +21,7 @@ MESHLAB := $(VENV)/build/meshlab
 MESHLAB_TARBALL := http://deb.debian.org/debian/pool/main/m/meshlab/meshlab_2022.02+dfsg1.orig.tar.xz
 MESHLAB_SHA256 := 11da26ec46c3fbbbc806d410a3221542ec21ec13fdcc55d624304600029435fd
 
-.PHONY: help system browser demo test lint meshlab-plugin ext clean
+.PHONY: help system browser demo test lint meshlab-plugin ext sanitize clean
 
 help:
 	@echo "make system  install the system packages (Debian, Ubuntu; as root)"
@@ -30,6 +31,8 @@ help:
 	@echo "make meshlab-plugin"
 	@echo "             download MeshLab's headers, build the native plugin and test it (filters/README.md)"
 	@echo "make ext     build the native module in place"
+	@echo "make sanitize"
+	@echo "             run kernels and pipeline under the compiler's sanitizers"
 	@echo "make clean   remove the environment, builds and caches"
 
 system:
@@ -89,6 +92,9 @@ ext:
 	$(PYTHON) -m pip wheel --quiet --no-deps --wheel-dir build/ext .
 	cd build/ext && $(PYTHON) -m zipfile -e *.whl unpacked
 	cp build/ext/unpacked/o3d_sofnn/_kernels*.so o3d_sofnn/
+
+sanitize: $(VENV)/.test
+	env -u PYTHONPATH $(BIN)/python demos/benchmarks/sanitize.py
 
 clean:
 	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis

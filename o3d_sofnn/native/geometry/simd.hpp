@@ -5,8 +5,9 @@
 #include <cstring>
 
 // One copy of a function for each generation of vector units, chosen when the module is loaded. Elsewhere
-// (other compilers, processors, C libraries) the one copy uses what the platform guarantees.
-#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && __GNUC__ >= 12 && !defined(__clang__)
+// (other compilers, processors, C libraries, sanitizers) the one copy uses what the platform guarantees.
+#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && __GNUC__ >= 12 && !defined(__clang__) && \
+    !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
 #define SOFNN_CLONES __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
 #else
 #define SOFNN_CLONES
