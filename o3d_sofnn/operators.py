@@ -211,7 +211,7 @@ def reconstruct_surface(
             normals=None if normals is None else _rows(normals, finite),
             progress=progress,
         )
-    for warning in estimate.normals.warnings:
+    for warning in estimate.warnings:
         _logger.warning(warning)
     details = scatter_surface(estimate, finite)
     mesh = adapters.make_mesh(

@@ -36,9 +36,12 @@ class Options:
     voxel_size : float, optional
         Edge of a cube, in the unit of the points. Without `depth` and `voxel_size` it is chosen
         from spacing, noise and curvature.
+    closed : bool or "auto", default "auto"
+        True closes the mesh whatever the data say, False leaves every hole open. "auto" closes what
+        the data say is a solid, and small holes elsewhere.
     trim : float or "auto", optional
-        Cut away what has a confidence below this, 0 to 1; the mesh is then open. "auto" cuts at
-        0.5 and leaves holes closed that are small beside the data.
+        Cut away what has a confidence below this, 0 to 1, in place of what `closed` says. "auto"
+        is another name for ``closed="auto"``.
     target_triangles : int, optional
         Collapse edges until so many are left. None keeps all.
     precision : float, optional
@@ -53,6 +56,7 @@ class Options:
     n_threads: int = -1
     depth: int | None = None
     voxel_size: float | None = None
+    closed: bool | Literal["auto"] = "auto"
     trim: float | Literal["auto"] | None = None
     target_triangles: int | None = None
     precision: float | None = None
@@ -82,6 +86,9 @@ class Options:
         given = cls(**fields)
         validation.check_exclusive(depth=given.depth, voxel_size=given.voxel_size)
         validation.check_exclusive(
+            trim=given.trim, closed=None if given.closed == "auto" else given.closed
+        )
+        validation.check_exclusive(
             use_normals=validation.check_flag(use_normals, "use_normals") or None,
             viewpoint=given.viewpoint,
             towards=given.towards,
@@ -94,12 +101,18 @@ class Options:
             n_threads=validation.check_n_threads(given.n_threads),
             depth=validation.check_integer(given.depth, "depth", 1, validation.MAX_DEPTH),
             voxel_size=validation.check_positive(given.voxel_size, "voxel_size"),
+            closed=validation.check_closed(given.closed),
             trim=validation.check_trim(given.trim),
             target_triangles=validation.check_integer(
                 given.target_triangles, "target_triangles", 4
             ),
             precision=validation.check_positive(given.precision, "precision"),
         )
+
+    @property
+    def closes(self) -> bool | Literal["auto"]:
+        """What becomes of holes: what `closed` says unless there is a level to cut at."""
+        return self.closed if self.trim in (None, "auto") else False
 
     def of_rows(self, mask: NDArray[np.bool_]) -> Options:
         """Return the options for some rows, (n,) bool, of the cloud."""

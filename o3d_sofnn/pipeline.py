@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree, vertex_normals
 from o3d_sofnn.geometry.checks import check_mesh, check_stage
+from o3d_sofnn.geometry.quality import Evidence, assess
 from o3d_sofnn.geometry.vectors import longest_side
 from o3d_sofnn.implicit.field import Field
 from o3d_sofnn.implicit.units import local_surfaces
 from o3d_sofnn.meshing.attributes import attribute_weights
+from o3d_sofnn.meshing.closing import VOUCHED, Judge, solids
 from o3d_sofnn.meshing.decimation import unmet
 from o3d_sofnn.meshing.mesh import mesh
-from o3d_sofnn.meshing.resolution import choose_cubes
+from o3d_sofnn.meshing.resolution import SHEET, choose_cubes, local_spacing
 from o3d_sofnn.options import Options
 from o3d_sofnn.orientation.confidence import certainty
 from o3d_sofnn.orientation.evidence import Evidence, found, told
@@ -123,7 +125,7 @@ def reconstruct_surface(
         clock,
         normals=normals,
         experience=shipped(),
-        enclosing=options.trim is None,
+        enclosing=options.closes is True,
     )
     estimate, facing, residual = infer(learned, options, clock)
     threads, cloud, samples = thread_count(options.n_threads), learned.cloud, learned.samples
@@ -137,31 +139,48 @@ def reconstruct_surface(
     with clock.stage("field"):  # section 4
         on_surface = inliers - residual[:, None] * facing
         scale = samples.scale
-        del learned, samples  # with their tree
+        solid, on_solid = solids(rules, on_surface, threads)
         spacing = scale.spacing[scale.at(inliers, threads)]
+        spacing = local_spacing(spacing, on_solid, inliers, samples.tree, threads)
+        evidence = _evidence(options, points, estimate, learned, spacing)
+        del learned, samples  # with their tree
+        # On a sheet cubes may be larger: the winding number says nothing of how thin it is.
+        thick = replace(rules, confidence=np.where(solid, rules.confidence, 1.0))
+        wider = np.where(on_solid, 1.0, SHEET)
         size, finest, levels = choose_cubes(
             inliers,
             on_surface,
-            spacing,
-            float(np.median(scale.spacing)),
-            rules,
+            wider * spacing,
+            float(np.median(scale.spacing) * np.median(wider)),
+            thick,
             _voxel_size(options, inliers, cloud.extent),
             threads,
         )
         spacing = np.maximum(spacing, finest * np.exp2(levels))
         implicit = Field(rules, surfaces, on_surface, facing, spacing, threads)
-    del inliers, facing, residual, spacing  # a third of what is held
+    del inliers, facing, residual, spacing, wider  # a third of what is held
     with clock.stage("surface"):
-        vertices, triangles, confidence = mesh(
-            implicit, on_surface, finest, levels, options.trim, options.target_triangles, threads
+        vertices, triangles, confidence, closing = mesh(
+            implicit,
+            on_surface,
+            finest,
+            levels,
+            _border(options, implicit, on_solid),
+            options.target_triangles,
+            threads,
         )
-        watertight = check_mesh(vertices, triangles, closed=options.trim is None)
+        as_closed = options.closes is True or (closing is not None and closing.closed)
+        watertight = check_mesh(vertices, triangles, closed=as_closed)
+    far = np.flatnonzero(confidence == 0.0)
+    beyond = np.zeros(len(vertices))
+    beyond[far] = implicit.nearest(vertices[far], 1)[0][:, 0] / VOUCHED
     del implicit, on_surface
     with clock.stage("attributes"):
         facing = np.asarray(vertex_normals(vertices, triangles))
         near = np.flatnonzero(confidence > 0.0)
         facing[near] = infer_normals(rules, vertices[near], threads)[0]
         check_stage("attributes", normals=facing, confidences=confidence)
+        quality = assess(vertices, triangles, beyond, evidence, threads)
     clock.finish()
     warnings = estimate.warnings + unmet(options.target_triangles, len(triangles))
     return SurfaceEstimate(
@@ -175,6 +194,8 @@ def reconstruct_surface(
         voxel_size=options.voxel_size or size * cloud.extent,
         seconds=clock.seconds,
         watertight=watertight,
+        closing=closing,
+        quality=replace(quality, border_length=quality.border_length * cloud.extent),
     )
 
 
@@ -356,6 +377,31 @@ def _voxel_size(options: Options, inliers: Array, extent: float) -> float | None
     if options.depth is not None:
         return float(longest_side(inliers) / 2**options.depth)
     return None if options.voxel_size is None else options.voxel_size / extent
+
+
+def _border(
+    options: Options, implicit: Field, on_solid: NDArray[np.bool_]
+) -> Judge | float | None:
+    """Say where the surface ends: where a judge says, at the user's level, or nowhere."""
+    if options.closes is True:
+        return None
+    if options.trim is None or options.trim == "auto":
+        return Judge(implicit, on_solid, options.closes == "auto")
+    return options.trim
+
+
+def _evidence(
+    options: Options, points: Array, estimate: NormalEstimate, learned: Learned, spacing: Array
+) -> Evidence:
+    """Return what the mesh is checked against: a part of the inliers."""
+    cloud, kept = learned.cloud, learned.samples.kept
+    rows = cloud.first[kept]
+    directions = directions_to(options.viewpoint, points)
+    return Evidence.some(
+        cloud.points[kept],
+        np.maximum(spacing, 2.0 * estimate.noise[rows] / cloud.extent),
+        None if directions is None else directions[rows],
+    )
 
 
 def _first_rules(

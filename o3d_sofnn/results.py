@@ -13,6 +13,8 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
+from o3d_sofnn.geometry.quality import Quality
+from o3d_sofnn.meshing.closing import Closing
 from o3d_sofnn.orientation.evidence import Evidence
 from o3d_sofnn.rules.rule_base import RuleBase
 
@@ -83,6 +85,10 @@ class SurfaceEstimate:
         Time of each stage, those of the normals included.
     watertight : bool
         Whether every edge has two triangles, which run through it in opposite directions.
+    closing : Closing or None
+        What was closed and why; None where the user has chosen ``closed=True`` or a level.
+    quality : Quality
+        Self-check: how well the mesh fits the points.
     """
 
     vertices: NDArray[np.float64]
@@ -95,6 +101,13 @@ class SurfaceEstimate:
     voxel_size: float
     seconds: dict[str, float]
     watertight: bool
+    closing: Closing | None
+    quality: Quality
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user should look at, of the normals and of the mesh."""
+        return (*self.normals.warnings, *self.quality.warnings(not self.watertight))
 
     @cached_property
     def source_weights(self) -> scipy.sparse.csr_matrix:

@@ -222,6 +222,21 @@ def check_trim(value: Any) -> float | Literal["auto"] | None:
     return number
 
 
+def check_closed(value: Any) -> bool | Literal["auto"]:
+    """Return ``closed``: True, False, or "auto".
+
+    Raises
+    ------
+    ValueError
+        Anything else.
+    """
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, str) and value == "auto":
+        return "auto"
+    raise ValueError(f'closed: expected True, False or "auto", got {value!r}')
+
+
 def check_n_threads(value: Any) -> int:
     """Return ``n_threads``: -1 (all cores) or a positive integer.
 

@@ -96,6 +96,8 @@ class Field:
     ) -> None:
         self.rules = rules
         self.surfaces = surfaces
+        self.samples = samples
+        self.normals = normals
         self.noisiness = float(np.median(rules.noisiness))
         self._reach = 1.0 + (NOISY_REACH - 1.0) * self.noisiness
         self._samples = _kernels.KdTree(samples, n_threads)
@@ -124,6 +126,14 @@ class Field:
         return np.asarray(
             self._far_tree.winding(self._dipoles, x, WIDTH * spacing, OPENING, self.n_threads)
         )
+
+    def nearest(
+        self, x: NDArray[np.float64], k: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Distances from the `k` nearest samples over their spacing, (m, k), and the samples."""
+        k = min(k, len(self._spacing))
+        distance, index = self._samples.query(x, k, np.inf, self.n_threads)
+        return np.asarray(distance / self._spacing[index]), np.asarray(index)
 
     def spacing_at(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Spacing of the samples nearest to places (m, 3), (m,)."""

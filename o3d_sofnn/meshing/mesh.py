@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn.implicit.field import Field
+from o3d_sofnn.meshing.closing import EDGE, Closing, Judge
 from o3d_sofnn.meshing.decimation import decimate
 from o3d_sofnn.meshing.extraction import extract
 from o3d_sofnn.meshing.handles import open_handles
 from o3d_sofnn.meshing.relaxation import balance_chords, relax
+from o3d_sofnn.meshing.rims import tidy
 from o3d_sofnn.meshing.sharpening import sharpen
-from o3d_sofnn.meshing.trimming import cut, drop_strays
+from o3d_sofnn.meshing.trimming import cut, drop_strays, smoothed
 from o3d_sofnn.meshing.untangling import untangle
+
+FAR = 2.0 * EDGE - 0.45
+"""Distance beyond the data, over the spacing, from which on it does not matter how far: averaging
+leaves a straight border in its place, as samples are 0.45 spacings from places between them."""
 
 
 def mesh(
@@ -22,10 +26,10 @@ def mesh(
     samples: NDArray[np.float64],
     size: float,
     levels: NDArray[np.int64],
-    trim: float | Literal["auto"] | None,
+    border: Judge | float | None,
     target: int | None,
     n_threads: int,
-) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64], Closing | None]:
     """Triangulate a field, and do to the triangles what the user wants.
 
     Parameters
@@ -36,8 +40,8 @@ def mesh(
         Points moved onto the surface.
     size, levels
         As in :func:`extract`.
-    trim : float or "auto" or None
-        Where to cut (:func:`o3d_sofnn.meshing.trimming.cut`); None for nowhere.
+    border : Judge or float or None
+        Who says where the surface ends, or the confidence at which it does; None for nowhere.
     target : int or None
         Triangles to be left, or as few as can be.
     n_threads : int
@@ -49,6 +53,8 @@ def mesh(
     triangles : (t, 3) int32
     confidence : (v,) float64
         Support by the data.
+    closing : Closing or None
+        What was decided, if there is a judge.
 
     Raises
     ------
@@ -66,14 +72,25 @@ def mesh(
     vertices = untangle([vertices, relaxed, moved], triangles, n_threads)
     vertices, triangles, source = open_handles(vertices, triangles, implicit.spacing_at, n_threads)
     confidence = confidence[source]
-    if trim is not None:
-        vertices, triangles, confidence = cut(vertices, triangles, confidence, trim)
+    closing = None
+    values, level = None, 0.0
+    if isinstance(border, Judge):
+        beyond, closing = border(vertices, triangles)
+        if not closing.closed:
+            values, level = -np.minimum(beyond, FAR), -EDGE
+    elif border is not None:
+        values, level = confidence, border
+    if values is not None:
+        values = smoothed(values, level, vertices, triangles, implicit.spacing_at(vertices))
+        vertices, triangles, confidence = cut(vertices, triangles, confidence, values, level)
         triangles, used = drop_strays(vertices, triangles, samples, n_threads)
         vertices, confidence = vertices[used], confidence[used]
+        vertices, triangles, used = tidy(vertices, triangles, implicit.spacing_at(vertices))
+        confidence = confidence[used]
     if not len(triangles):
-        reason = "the points are too few or too flat" if trim is None else "trim removed it all"
+        reason = "the points are too few or too flat" if border is None else "no data supports it"
         raise ValueError(f"points define no surface at this resolution: {reason}")
     if target is not None:
         vertices, triangles, source = decimate(vertices, triangles, target, n_threads)
         confidence = confidence[source]
-    return vertices, triangles, confidence
+    return vertices, triangles, confidence, closing

@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
+import scipy.sparse
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree, label_pieces
-from o3d_sofnn.geometry.mesh_properties import triangle_areas
 
 SAMPLES = 16
 """Fewest samples on a piece of surface that is kept."""
 
 
-SUPPORTED = 0.5
-"""Confidence along which the automatic choice cuts."""
+SMOOTH = 1.5
+"""Length over the spacing along which values are averaged before a cut: single samples make no
+teeth. Less leaves teeth, more rounds corners."""
 
 
-HOLE = 0.05
-"""Largest hole that the automatic choice leaves closed, over the area of the supported surface."""
+SMOOTHINGS = 30
+"""Most averages over neighbours that this takes."""
 
 
-SMOOTHINGS = 4
-"""Averages over neighbours that the confidence goes through before a cut: no teeth."""
+RINGS = 12
+"""Rings of triangles around the cut that take part."""
 
 
 SNAP = 0.1
@@ -69,9 +68,9 @@ def drop_strays(
 
 
 def cut(
-    vertices: Array, triangles: Triangles, confidence: Array, trim: float | Literal["auto"]
+    vertices: Array, triangles: Triangles, confidence: Array, values: Array, level: float
 ) -> tuple[Array, Triangles, Array]:
-    """Cut a mesh along a line of equal confidence.
+    """Cut away where values at the vertices are below a level.
 
     Every triangle across the line is divided, so the border is a smooth curve; the mesh stays
     manifold.
@@ -82,22 +81,18 @@ def cut(
     triangles : (t, 3) int32
         A closed mesh.
     confidence : (m,) float64
-        Support at the vertices, 0 to 1.
-    trim : float or "auto"
-        Confidence along which to cut. "auto" cuts at 0.5 but leaves holes closed whose area is at
-        most 5 % of that of the supported surface: a sheet or a scene opens, an object with gaps
-        stays closed.
+        Carried over to the new vertices.
+    values : (m,) float64
+        What is compared with the level.
+    level : float
+        Along which to cut.
 
     Returns
     -------
     vertices, triangles, confidence
         What stays, with new vertices along the border.
     """
-    level = SUPPORTED if trim == "auto" else float(trim)
-    smooth = _smoothed(confidence, triangles)
-    if trim == "auto":
-        smooth[_small_holes(vertices, triangles, smooth < level)] = 1.0
-    keep = smooth >= level
+    keep = values >= level
     number = keep[triangles].sum(axis=1)
     # Turn each crossed triangle so that the corner that is alone on its side comes first.
     alone = np.where(number == 1, 0, 1)[:, None] ^ keep[triangles]
@@ -117,10 +112,11 @@ def cut(
         ]
     ).astype(np.int32)
     start, end = np.divmod(edges, len(vertices))
-    t = (level - smooth[start]) / (smooth[end] - smooth[start])
-    t = np.clip(t, SNAP, 1.0 - SNAP)[:, None]
+    t = (level - values[start]) / (values[end] - values[start])
+    t = np.clip(t, SNAP, 1.0 - SNAP)
+    confidence = np.concatenate([confidence, (1.0 - t) * confidence[start] + t * confidence[end]])
+    t = t[:, None]
     vertices = np.concatenate([vertices, vertices[start] + t * (vertices[end] - vertices[start])])
-    confidence = np.concatenate([confidence, np.full(len(edges), level)])
     triangles, used = _compact(triangles, len(vertices))
     return vertices[used], triangles, confidence[used]
 
@@ -137,25 +133,50 @@ def _compact(triangles: Triangles, n: int) -> tuple[Triangles, NDArray[np.int64]
     return number[triangles], np.flatnonzero(is_used)
 
 
-def _smoothed(values: Array, triangles: Triangles) -> Array:
-    """Average with the neighbours, a few times."""
-    ends = triangles.ravel()
-    count = 2.0 * np.bincount(ends, minlength=len(values))
-    for _ in range(SMOOTHINGS):
-        at = values[triangles]
-        beside = (at.sum(axis=1)[:, None] - at).ravel()
-        mean = np.bincount(ends, beside, len(values)) / np.maximum(count, 1.0)
-        values = 0.5 * (values + mean)
-    return values
+def smoothed(
+    values: Array, level: float, vertices: Array, triangles: Triangles, spacing: Array
+) -> Array:
+    """Average values along the surface, around where they cross a level.
 
+    Parameters
+    ----------
+    values : (m,) float64
+        At the vertices.
+    level : float
+        Along which to cut.
+    vertices : (m, 3) float64
+    triangles : (t, 3) int32
+        A closed mesh.
+    spacing : (m,) float64
+        Of the samples at the vertices.
 
-def _small_holes(
-    vertices: Array, triangles: Triangles, open_: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
-    """Vertices of unsupported patches that are small beside the supported surface."""
-    area = triangle_areas(vertices, triangles)
-    of_vertex = np.bincount(triangles.ravel(), np.repeat(area / 3.0, 3), len(vertices))
-    inner = np.ascontiguousarray(triangles[open_[triangles].all(axis=1)])
-    label = np.asarray(label_pieces(inner, len(vertices)))
-    patch = np.bincount(label, of_vertex)
-    return np.asarray(open_ & (patch <= HOLE * of_vertex[~open_].sum())[label])
+    Returns
+    -------
+    (m,) float64
+    """
+    below = values < level
+    at = below[triangles]
+    near = np.zeros(len(values), bool)
+    near[triangles[at.any(axis=1) & ~at.all(axis=1)]] = True
+    for _ in range(RINGS):
+        near[triangles[near[triangles].any(axis=1)]] = True
+    rows = np.flatnonzero(near)
+    number = np.full(len(values), -1)
+    number[rows] = np.arange(len(rows))
+    # Each edge is met once in each direction, so the followers of a vertex are its neighbours.
+    start, end = triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
+    own = near[start]
+    start, end = start[own], end[own]
+    count = np.maximum(np.bincount(number[start], minlength=len(rows)), 1)
+    length = np.linalg.norm(vertices[start] - vertices[end], axis=1)
+    edge = np.maximum(np.bincount(number[start], length, len(rows)) / count, 1e-300)
+    mean = scipy.sparse.csr_matrix(
+        (1.0 / count[number[start]], (number[start], end)), shape=(len(rows), len(values))
+    )
+    wanted = 2.0 * (SMOOTH * spacing[rows] / edge) ** 2
+    times = int(np.clip(np.ceil(wanted.max(initial=0.0)), 1, SMOOTHINGS))
+    share = np.minimum(wanted / times, 0.9)
+    result = values.copy()
+    for _ in range(times):
+        result[rows] += share * (mean @ result - result[rows])
+    return result

@@ -205,5 +205,5 @@ def _checked(points: Array, cloud: Cloud, enclosing: bool) -> Cloud:
     if distinct < MIN_POINTS:
         raise ValueError(f"points: at least {MIN_POINTS} distinct ones expected, got {distinct}")
     if enclosing and rank == 2:
-        raise ValueError("points lie in one plane and enclose nothing: give trim to get a sheet")
+        raise ValueError("points lie in one plane and enclose nothing: closed=False gives a sheet")
     return cloud

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from shapes import box, sphere
+from shapes import box, plane_patch, sphere
 
 from o3d_sofnn._kernels import KdTree
-from o3d_sofnn.meshing.resolution import choose_cubes, choose_levels, choose_voxel_size, flat_edges
+from o3d_sofnn.meshing.resolution import (
+    choose_cubes,
+    choose_levels,
+    choose_voxel_size,
+    flat_edges,
+    local_spacing,
+    spacing_around,
+)
 from o3d_sofnn.pipeline import estimate_normals, reconstruct_surface
 
 
@@ -81,3 +88,43 @@ def test_a_flat_shape_has_fewer_triangles_and_keeps_its_edges():
     assert len(surface.triangles) < 4.5 * 20000
     off = abs(abs(surface.vertices).max(axis=1) - 0.5)
     assert off.mean() < 1e-4
+
+
+def lines(step, gap, n_lines=40):
+    """Scan lines in a plane: points a step apart on lines a gap apart."""
+    along = np.arange(-0.5 * n_lines * gap, 0.5 * n_lines * gap, step)
+    across = gap * (np.arange(n_lines) - 0.5 * n_lines)
+    x, y = np.meshgrid(along, across)
+    points = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    return points + 0.05 * step * np.random.default_rng(0).normal(size=points.shape) * [1, 1, 0]
+
+
+@pytest.mark.parametrize("ratio", [1.0, 4.0, 12.0])
+def test_the_spacing_is_that_across_scan_lines(ratio):
+    points = lines(1.0, ratio, 80 if ratio == 1.0 else 20)
+    mean, widest = spacing_around(points, KdTree(points), 1)
+    assert 0.7 * ratio < np.median(widest) < 1.25 * max(ratio, 1.0)
+    assert (widest >= mean).all()
+    # The area that one point covers is known, however the points lie.
+    assert np.median(mean) == pytest.approx(np.sqrt(ratio), rel=0.35)
+
+
+def test_the_spacing_of_a_region_holds_where_the_density_is_even():
+    points = sphere(4000).points
+    tree = KdTree(points)
+    spacing = np.full(len(points), np.sqrt(4.0 * np.pi / len(points)))
+    solid = np.ones(len(points), bool)
+    np.testing.assert_array_equal(local_spacing(spacing, solid, points, tree, 1), spacing)
+    sheet = local_spacing(spacing, ~solid, points, tree, 1)
+    assert (sheet >= spacing).all()
+    assert np.median(sheet) < 1.15 * spacing[0]
+    uneven = local_spacing(0.4 * spacing, solid, points, tree, 1)
+    assert (uneven > 0.75 * spacing).mean() > 0.95
+
+
+@pytest.mark.parametrize("points", [plane_patch(5000).points, lines(0.01, 0.08)], ids=["even", "lines"])
+def test_a_sheet_has_six_triangles_a_point_at_most(points):
+    points = points + 0.03 * np.sin(6.0 * points[:, :1]) * [0.0, 0.0, 1.0]
+    surface = reconstruct_surface(points)
+    assert len(surface.triangles) < 6 * len(points)
+    assert surface.quality.near > 0.98

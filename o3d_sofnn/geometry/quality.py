@@ -1,0 +1,204 @@
+"""Self-check of a mesh against the points it was made from: figures that show a collapse."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from o3d_sofnn._kernels import KdTree, label_pieces, vertex_normals
+from o3d_sofnn.geometry.mesh_properties import boundary_edges, triangle_areas
+
+ASKED = 100_000
+"""Points of many whose distance from the mesh is looked at."""
+
+
+CRUMB = 24
+"""Points on a component below which it is a crumb."""
+
+
+MOST_CRUMBS = 20
+"""Crumbs from which on the mesh looks like a collapse: street scenes and trees have up to 12, clouds with a
+grid step of a spacing thousands."""
+
+
+NEAR = 0.8
+"""Share of the points near the mesh below which it looks like one: 0.95 to 1 on objects, 0.85 and
+more among trees, 0.3 where the mesh fell to pieces."""
+
+
+INVENTED = 0.05
+"""Share of invented area of an open mesh from which on it is worth a warning."""
+
+
+SEEN = 0.9
+"""Share of the points whose side of the mesh was seen below which sides are worth a warning."""
+
+
+Array = NDArray[np.float64]
+
+
+Triangles = NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How well a mesh fits the points that it was made from.
+
+    Attributes
+    ----------
+    near : float
+        Share of the inliers at most one spacing, or where that is more two noise levels, from the
+        mesh.
+    invented : float
+        Share of the area that is farther than 5 spacings from any inlier.
+    components, crumbs : int
+        Connected components, and those of them with fewer than 24 inliers.
+    border_edges : int
+        Edges of one triangle alone.
+    border_length : float
+        Of all of them, in the unit of the points.
+    seen : float, optional
+        Share of the inliers where the mesh faces the viewpoint; None without one.
+    """
+
+    near: float
+    invented: float
+    components: int
+    crumbs: int
+    border_edges: int
+    border_length: float
+    seen: float | None
+
+    def __str__(self) -> str:
+        """One line for a terminal."""
+        parts = [
+            f"{100.0 * self.near:.1f} % of the points within a spacing",
+            f"{100.0 * self.invented:.1f} % of the area invented",
+            f"{self.components} components, {self.crumbs} of them crumbs",
+        ]
+        if self.seen is not None:
+            parts.append(f"{100.0 * self.seen:.1f} % face the viewpoint")
+        return "; ".join(parts)
+
+    def warnings(self, is_open: bool) -> tuple[str, ...]:
+        """Say what looks wrong, and what to try.
+
+        Parameters
+        ----------
+        is_open : bool
+            Whether the mesh was to end where the data does.
+        """
+        found = []
+        if self.near < NEAR:
+            found.append(
+                f"only {100.0 * self.near:.0f} % of the points are within a spacing of the mesh: "
+                "are coordinates rounded, scans out of register, or most points vegetation? Thin "
+                "the cloud to even density, or allow larger fits with a larger max_nn or radius"
+            )
+        if self.crumbs > MOST_CRUMBS:
+            found.append(
+                f"the mesh has {self.crumbs} crumbs, components with fewer than {CRUMB} points: "
+                "are there isolated points or rounded coordinates? Remove outliers or thin the "
+                "cloud, or give a larger voxel_size"
+            )
+        if is_open and self.invented > INVENTED:
+            found.append(
+                f"{100.0 * self.invented:.0f} % of the area is far from any point: closed=False "
+                "leaves all holes open, trim=0.5 cuts at the data"
+            )
+        if self.seen is not None and self.seen < SEEN:
+            found.append(
+                f"on {100.0 * (1.0 - self.seen):.0f} % of the points the mesh faces away from the "
+                "viewpoint: is that where the scanner stood, in the coordinates of the points?"
+            )
+        return tuple(found)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Some of the inliers of a cloud.
+
+    Attributes
+    ----------
+    points : (k, 3) float64
+        Inliers.
+    reach : (k,) float64
+        How far they may be from the mesh.
+    directions : (k, 3) float64 or None
+        To where each was seen from.
+    weight : float
+        Inliers that each stands for.
+    """
+
+    points: Array
+    reach: Array
+    directions: Array | None
+    weight: float
+
+    @classmethod
+    def some(cls, points: Array, reach: Array, directions: Array | None) -> Evidence:
+        """Return every so manieth of the inliers."""
+        few = slice(None, None, 1 + len(points) // ASKED)
+        some = points[few].copy()
+        seen = None if directions is None else directions[few].copy()
+        return cls(some, reach[few].copy(), seen, len(points) / len(some))
+
+
+def assess(
+    vertices: Array, triangles: Triangles, beyond: Array, evidence: Evidence, n_threads: int
+) -> Quality:
+    """Measure how well a mesh fits.
+
+    Parameters
+    ----------
+    vertices : (m, 3) float64
+    triangles : (t, 3) int32
+    beyond : (m,) float64
+        Distance of the vertices from the nearest sample over 5 spacings.
+    evidence : Evidence
+        In the coordinates of the vertices.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    Quality
+        The distance of a point is that from the plane of the nearest vertex, or from the vertex
+        itself if that has no edge as long as the point is beside it.
+    """
+    facing = np.asarray(vertex_normals(vertices, triangles))
+    found = KdTree(vertices, n_threads).query(evidence.points, 1, np.inf, n_threads)[1][:, 0]
+    step = evidence.points - vertices[found]
+    off = np.abs(np.einsum("kd,kd->k", step, facing[found]))
+    away = np.linalg.norm(step, axis=1)
+    beside = np.sqrt(np.maximum(away**2 - off**2, 0.0))
+    distance = np.where(beside <= _longest_edges(vertices, triangles)[found], off, away)
+    label = np.asarray(label_pieces(triangles, len(vertices)))
+    area = triangle_areas(vertices, triangles)
+    count = evidence.weight * np.bincount(label[found], minlength=int(label.max()) + 1)
+    border = boundary_edges(triangles)
+    length = np.linalg.norm(vertices[border[:, 0]] - vertices[border[:, 1]], axis=1)
+    seen = None
+    if evidence.directions is not None:
+        seen = float((np.einsum("kd,kd->k", evidence.directions, facing[found]) > 0.0).mean())
+    return Quality(
+        near=float((distance <= evidence.reach).mean()),
+        invented=float(area[(beyond > 1.0)[triangles].all(axis=1)].sum() / area.sum()),
+        components=len(count),
+        crumbs=int((count < CRUMB).sum()),
+        border_edges=len(border),
+        border_length=float(length.sum()),
+        seen=seen,
+    )
+
+
+def _longest_edges(vertices: Array, triangles: Triangles) -> Array:
+    """Longest edge of each vertex, (m,)."""
+    start, end = triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
+    length = np.linalg.norm(vertices[start] - vertices[end], axis=1)
+    longest = np.zeros(len(vertices))
+    np.maximum.at(longest, start, length)
+    np.maximum.at(longest, end, length)
+    return longest
