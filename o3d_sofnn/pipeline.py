@@ -19,7 +19,7 @@ from o3d_sofnn.meshing.attributes import attribute_weights
 from o3d_sofnn.meshing.closing import VOUCHED, Judge, solids
 from o3d_sofnn.meshing.decimation import unmet
 from o3d_sofnn.meshing.mesh import mesh
-from o3d_sofnn.meshing.resolution import SHEET, choose_cubes, local_spacing
+from o3d_sofnn.meshing.resolution import RESOLVES, SHEET, choose_cubes, local_spacing
 from o3d_sofnn.options import Options
 from o3d_sofnn.orientation.confidence import certainty
 from o3d_sofnn.orientation.evidence import Evidence, found, told
@@ -142,8 +142,6 @@ def reconstruct_surface(
         solid, on_solid = solids(rules, on_surface, threads)
         spacing = scale.spacing[scale.at(inliers, threads)]
         spacing = local_spacing(spacing, on_solid, inliers, samples.tree, threads)
-        evidence = _evidence(options, points, estimate, learned, spacing)
-        del learned, samples  # with their tree
         # On a sheet cubes may be larger: the winding number says nothing of how thin it is.
         thick = replace(rules, confidence=np.where(solid, rules.confidence, 1.0))
         wider = np.where(on_solid, 1.0, SHEET)
@@ -156,24 +154,27 @@ def reconstruct_surface(
             _voxel_size(options, inliers, cloud.extent),
             threads,
         )
-        spacing = np.maximum(spacing, finest * np.exp2(levels))
-        implicit = Field(rules, surfaces, on_surface, facing, spacing, threads)
-    del inliers, facing, residual, spacing, wider  # a third of what is held
+        edges = finest * np.exp2(levels)
+        implicit = Field(rules, surfaces, on_surface, facing, np.maximum(spacing, edges), threads)
+        spacing = np.maximum(spacing, RESOLVES * edges)
+        evidence = _evidence(options, points, estimate, learned, spacing)
+    del learned, samples, inliers, facing, residual, wider, edges  # a third of what is held
     with clock.stage("surface"):
         vertices, triangles, confidence, closing = mesh(
             implicit,
             on_surface,
             finest,
             levels,
-            _border(options, implicit, on_solid),
+            _border(options, implicit, on_solid, spacing),
             options.target_triangles,
             threads,
         )
         as_closed = options.closes is True or (closing is not None and closing.closed)
         watertight = check_mesh(vertices, triangles, closed=as_closed)
     far = np.flatnonzero(confidence == 0.0)
+    distance, sample = implicit.nearest(vertices[far], 1)
     beyond = np.zeros(len(vertices))
-    beyond[far] = implicit.nearest(vertices[far], 1)[0][:, 0] / VOUCHED
+    beyond[far] = (distance / (VOUCHED * spacing[sample]))[:, 0]
     del implicit, on_surface
     with clock.stage("attributes"):
         facing = np.asarray(vertex_normals(vertices, triangles))
@@ -380,13 +381,13 @@ def _voxel_size(options: Options, inliers: Array, extent: float) -> float | None
 
 
 def _border(
-    options: Options, implicit: Field, on_solid: NDArray[np.bool_]
+    options: Options, implicit: Field, on_solid: NDArray[np.bool_], spacing: Array
 ) -> Judge | float | None:
     """Say where the surface ends: where a judge says, at the user's level, or nowhere."""
     if options.closes is True:
         return None
     if options.trim is None or options.trim == "auto":
-        return Judge(implicit, on_solid, options.closes == "auto")
+        return Judge(implicit, on_solid, spacing, options.closes == "auto")
     return options.trim
 
 

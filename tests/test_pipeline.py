@@ -114,7 +114,7 @@ def test_the_solid_of_terrain_is_on_the_side_that_was_asked_for(option, sign):
     area = mesh_properties.area_vectors(sheet.vertices, sheet.triangles)
     assert (sign * area[:, 2] > 0.0).mean() > 0.998
     assert (sign * sheet.normals.normals[:, 2] > 0.0).all()
-    solid = reconstruct_surface(points, **side)
+    solid = reconstruct_surface(points, closed=True, **side)
     assert solid.watertight
     # The data end at 0.1 on both sides; the solid goes on.
     assert sign * (solid.vertices[:, 2].max() + solid.vertices[:, 2].min()) < -0.03
@@ -220,11 +220,12 @@ def test_clouds_without_a_surface_are_refused(operator, points):
         operator(points)
 
 
-def test_a_flat_cloud_is_a_surface_only_with_trim():
+@pytest.mark.parametrize("options", [{}, {"closed": False}, {"trim": 0.5}], ids=repr)
+def test_a_flat_cloud_is_a_sheet_unless_it_shall_enclose_something(options):
     points = plane_patch(1000).points
-    with pytest.raises(ValueError, match="trim"):
-        reconstruct_surface(points)
-    surface = reconstruct_surface(points, trim=0.5)
+    with pytest.raises(ValueError, match="closed=False"):
+        reconstruct_surface(points, closed=True)
+    surface = reconstruct_surface(points, **options)
     assert len(surface.triangles)
     assert np.abs(surface.vertices[:, 2]).max() < surface.voxel_size
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree, label_pieces, vertex_normals
 from o3d_sofnn.geometry.mesh_properties import boundary_edges, triangle_areas
+from o3d_sofnn.geometry.vectors import unit
 
 ASKED = 100_000
 """Points of many whose distance from the mesh is looked at."""
@@ -19,8 +20,12 @@ CRUMB = 24
 
 
 MOST_CRUMBS = 20
-"""Crumbs from which on the mesh looks like a collapse: street scenes and trees have up to 12, clouds with a
-grid step of a spacing thousands."""
+"""Crumbs from which on the mesh looks like a collapse: streets and trees have up to 12, clouds with
+a grid step of a spacing thousands."""
+
+
+GRAZING = -0.2
+"""Cosine to the viewpoint below which the mesh faces away: rims and edges turn a little."""
 
 
 NEAR = 0.8
@@ -60,7 +65,7 @@ class Quality:
     border_length : float
         Of all of them, in the unit of the points.
     seen : float, optional
-        Share of the inliers where the mesh faces the viewpoint; None without one.
+        Share of the inliers where the mesh does not face away from the viewpoint, if known.
     """
 
     near: float
@@ -182,7 +187,8 @@ def assess(
     length = np.linalg.norm(vertices[border[:, 0]] - vertices[border[:, 1]], axis=1)
     seen = None
     if evidence.directions is not None:
-        seen = float((np.einsum("kd,kd->k", evidence.directions, facing[found]) > 0.0).mean())
+        towards = unit(evidence.directions)
+        seen = float((np.einsum("kd,kd->k", towards, facing[found]) > GRAZING).mean())
     return Quality(
         near=float((distance <= evidence.reach).mean()),
         invented=float(area[(beyond > 1.0)[triangles].all(axis=1)].sum() / area.sum()),

@@ -130,10 +130,10 @@ class Field:
     def nearest(
         self, x: NDArray[np.float64], k: int
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Distances from the `k` nearest samples over their spacing, (m, k), and the samples."""
+        """Distances from the `k` nearest samples, (m, k), and these."""
         k = min(k, len(self._spacing))
         distance, index = self._samples.query(x, k, np.inf, self.n_threads)
-        return np.asarray(distance / self._spacing[index]), np.asarray(index)
+        return np.asarray(distance), np.asarray(index)
 
     def spacing_at(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Spacing of the samples nearest to places (m, 3), (m,)."""

@@ -127,12 +127,17 @@ class Judge:
         The function, with its samples.
     solid : (n,) bool
         What :func:`solids` says of its samples.
+    spacing : (n,) float64
+        Distance of neighbouring samples at each, not less than what the mesh resolves.
     closes : bool
         Whether holes may stay closed at all.
     """
 
-    def __init__(self, implicit: Field, solid: NDArray[np.bool_], closes: bool) -> None:
-        self._field, self._solid, self._closes = implicit, solid, closes
+    def __init__(
+        self, implicit: Field, solid: NDArray[np.bool_], spacing: Array, closes: bool
+    ) -> None:
+        self._field, self._solid = implicit, solid
+        self._spacing, self._closes = spacing, closes
 
     def __call__(self, vertices: Array, triangles: Triangles) -> tuple[Array, Closing]:
         """Tell how far beyond the data a closed mesh is.
@@ -180,7 +185,7 @@ class Judge:
             distance, index = self._field.nearest(vertices[rows], NEAREST)
             alike = np.einsum("mkd,md->mk", self._field.normals[index], facing[rows]) > 0.0
             alike |= ~faced[index]
-            beyond[rows] = np.where(alike, distance, np.inf).min(axis=1)
+            beyond[rows] = np.where(alike, distance / self._spacing[index], np.inf).min(axis=1)
             sample[rows] = index[:, 0]
         return np.minimum(beyond, 2.0 * VOUCHED), sample
 
@@ -263,6 +268,4 @@ def _closing(keep: NDArray[np.bool_], unsupported: float, closes: bool) -> Closi
         reason = f"closed: {share}; closed=False leaves every hole open"
     else:
         reason = f"open: {share}; closed=True closes it all the same"
-    return Closing(
-        bool(keep.all()), unsupported, int(keep.sum()), int((~keep).sum()), reason
-    )
+    return Closing(bool(keep.all()), unsupported, int(keep.sum()), int((~keep).sum()), reason)

@@ -85,7 +85,9 @@ def mesh(
         vertices, triangles, confidence = cut(vertices, triangles, confidence, values, level)
         triangles, used = drop_strays(vertices, triangles, samples, n_threads)
         vertices, confidence = vertices[used], confidence[used]
-        vertices, triangles, used = tidy(vertices, triangles, implicit.spacing_at(vertices))
+        vertices, triangles, used = tidy(
+            vertices, triangles, implicit.spacing_at(vertices), n_threads
+        )
         confidence = confidence[used]
     if not len(triangles):
         reason = "the points are too few or too flat" if border is None else "no data supports it"

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn import _kernels
+from o3d_sofnn.meshing.untangling import untangle
 
 STRAIGHTENINGS = 5
 """Times that vertices of a rim go half of the way to the middle of their neighbours on it."""
@@ -31,6 +32,10 @@ ROUNDS = 16
 """Times that edges are joined; each time those that are not near each other."""
 
 
+ATTEMPTS = 4
+"""Times that all of this is tried, without what made triangles cut each other before."""
+
+
 Array = NDArray[np.float64]
 
 
@@ -41,36 +46,33 @@ Index = NDArray[np.int64]
 
 
 def tidy(
-    vertices: Array, triangles: Triangles, spacing: Array
-) -> tuple[Array, Triangles, NDArray[np.int64]]:
+    vertices: Array, triangles: Triangles, spacing: Array, n_threads: int = 1
+) -> tuple[Array, Triangles, Index]:
     """Straighten the rims of a mesh, and join the short edges of them.
 
     Parameters
     ----------
     vertices : (m, 3) float64
     triangles : (t, 3) int32
-        A manifold with rims.
+        A manifold with rims, no triangle of which cuts another one.
     spacing : (m,) float64
         Of the samples at the vertices.
+    n_threads : int, default 1
+        Threads.
 
     Returns
     -------
     vertices : (v, 3) float64
     triangles : (k, 3) int32
-        With the same components, holes and handles.
+        Of the same kind, with the same components, holes and handles.
     used : (v,) int64
         The given vertex that each one was.
     """
-    vertices = straightened(vertices, triangles, spacing)
-    for _ in range(ROUNDS):
-        joined = _join(vertices, triangles, spacing)
-        if len(joined) == len(triangles):
-            break
-        triangles = joined
-    used = np.unique(triangles)
-    number = np.zeros(len(vertices), np.int32)
-    number[used] = np.arange(len(used), dtype=np.int32)
-    return vertices[used], number[triangles], used.astype(np.int64)
+    straight = straightened(vertices, triangles, spacing)
+    straight = untangle([vertices, straight], triangles, n_threads)
+    triangles = _joined(straight, triangles, spacing, n_threads)
+    used, number = np.unique(triangles, return_inverse=True)
+    return straight[used], number.reshape(-1, 3).astype(np.int32), used.astype(np.int64)
 
 
 def straightened(vertices: Array, triangles: Triangles, spacing: Array) -> Array:
@@ -120,24 +122,50 @@ def _neighbors(triangles: Triangles, n: int) -> tuple[Index, Index]:
     return before, after
 
 
-def _join(vertices: Array, triangles: Triangles, spacing: Array) -> Triangles:
-    """Collapse vertices of rims onto a neighbour on the rim, none near another one."""
+def _joined(vertices: Array, triangles: Triangles, spacing: Array, n_threads: int) -> Triangles:
+    """Join edges of rims, but for those beside which triangles would cut each other."""
+    rim = _neighbors(triangles, len(vertices))[0] >= 0
+    beside = rim[triangles].any(axis=1)
+    inner, kept = triangles[~beside], np.zeros(len(vertices), bool)
+    for _ in range(ATTEMPTS):
+        band = triangles[beside]
+        for _ in range(ROUNDS):
+            fewer = _join(vertices, band, spacing, rim & ~kept)
+            if len(fewer) == len(band):
+                break
+            band = fewer
+        joined = np.concatenate([inner, band])
+        suspect = np.arange(len(joined)) >= len(inner)
+        pairs = np.asarray(_kernels.intersecting_pairs(vertices, joined, suspect, n_threads))
+        if not len(pairs):
+            return joined
+        kept[joined[pairs.ravel()]] = True
+    return triangles
+
+
+def _join(
+    vertices: Array, triangles: Triangles, spacing: Array, free: NDArray[np.bool_]
+) -> Triangles:
+    """Collapse free vertices of rims onto a neighbour on the rim, none near another one.
+
+    The triangles are those of the vertices of rims: others have edges that only seem to be rims,
+    and no free vertex.
+    """
     before, after = _neighbors(triangles, len(vertices))
-    rim = before >= 0
-    candidate = np.flatnonzero(rim)
-    candidate = candidate[rim[before[candidate]] & rim[after[candidate]]]
+    free = free & (before >= 0)
+    candidate = np.flatnonzero(free)
+    candidate = candidate[free[before[candidate]] & free[after[candidate]]]
     candidate = candidate[_short(vertices, before, after, candidate, spacing)]
     a, c = before[candidate], after[candidate]
     nearer = np.linalg.norm(vertices[a] - vertices[candidate], axis=1) <= np.linalg.norm(
         vertices[c] - vertices[candidate], axis=1
     )
     onto = np.where(nearer, a, c)
-    around = triangles[rim[triangles].any(axis=1)]
-    fine = _keeps_topology(around, candidate, onto, len(vertices))
+    fine = _keeps_topology(triangles, candidate, onto, len(vertices))
     candidate, onto = candidate[fine], onto[fine]
-    fine = _keeps_normals(vertices, around, candidate, onto)
+    fine = _keeps_normals(vertices, triangles, candidate, onto)
     candidate, onto = candidate[fine], onto[fine]
-    chosen = _apart(around, candidate, vertices, onto)
+    chosen = _apart(triangles, candidate, vertices, onto)
     target = np.arange(len(vertices), dtype=np.int32)
     target[candidate[chosen]] = onto[chosen]
     moved = target[triangles]

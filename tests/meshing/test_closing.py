@@ -49,10 +49,10 @@ def assert_open_manifold(surface):
 
 
 def test_the_winding_number_knows_solids_from_sheets():
-    ball, ring = sphere(1500).points, torus(1500).points + [3.0, 0.0, 0.0]
-    dish = sphere(1500).points + [0.0, 4.0, 0.0]
-    dish = dish[dish[:, 2] < 0.0]
-    sheet = 2.0 * plane_patch(1500).points + [5.0, 4.0, 0.0]
+    ball, ring = sphere(1500).points, torus(1500).moved((3.0, 0.0, 0.0)).points
+    dish = sphere(1500).moved((0.0, 4.0, 0.0)).points
+    dish = dish[dish[:, 2] < -0.6]
+    sheet = plane_patch(1500, size=2.0).moved((5.0, 4.0, 0.0)).points
     points = np.concatenate([ball, ring, dish, sheet])
     of_rules, of_points = solids(estimate_normals(points).rules, points, 1)
     np.testing.assert_array_equal(of_points, points[:, 1] < 2.0)
@@ -81,7 +81,8 @@ def test_both_ends_of_a_pipe_are_open_whatever_its_length(length):
     assert rims(surface) == pytest.approx([2.0 * np.pi] * 2, rel=0.03)
     assert surface.closing.holes_open == 2
     ends = surface.vertices[np.unique(mesh_properties.boundary_edges(surface.triangles))][:, 0]
-    assert np.ptp(np.abs(ends)) < 2.0 * surface.normals.spacing, "teeth"
+    for side in (ends < 0.0, ends > 0.0):
+        assert np.std(ends[side]) < 0.7 * surface.normals.spacing, "teeth"
 
 
 def test_a_missing_patch_of_a_solid_is_closed_and_an_open_half_is_not():
@@ -105,28 +106,30 @@ def test_a_box_without_a_lid_has_none():
     assert rims(surface) == pytest.approx([4.0], rel=0.06)
 
 
-@pytest.mark.parametrize(("spacings", "euler"), [(2.0, 1), (8.0, 0)])
+@pytest.mark.parametrize(("spacings", "euler"), [(3.5, 1), (8.0, 0)])
 def test_rims_vouch_for_small_holes_only(spacings, euler):
     n = 4000
     surface = reconstruct_surface(sheet_with_hole(n, spacings / np.sqrt(n)))
     assert_open_manifold(surface)
     assert mesh_properties.euler_characteristic(surface.triangles) == euler
-    bare = reconstruct_surface(sheet_with_hole(n, spacings / np.sqrt(n)), closed=False)
-    assert mesh_properties.euler_characteristic(bare.triangles) <= 0
+    bare = reconstruct_surface(sheet_with_hole(n, 5.0 / np.sqrt(n)), closed=False)
+    assert mesh_properties.euler_characteristic(bare.triangles) == 0
 
 
 def test_every_piece_is_judged_by_itself():
-    sheet = 4.0 * plane_patch(4000).points
-    crumb = 0.25 * plane_patch(40).points + [0.0, 0.0, 1.0]
-    ball = sphere(1500, radius=0.5).points + [0.0, 0.0, 2.5]
+    sheet = plane_patch(4000, size=4.0).points
+    sheet[:, 2] = 0.2 * np.sin(3.0 * sheet[:, 0])
+    crumb = plane_patch(40, size=0.25).moved((1.5, 1.5, 1.0)).points
+    ball = sphere(1500, radius=0.5).moved((0.0, 0.0, 1.0)).points
     surface = reconstruct_surface(np.concatenate([sheet, crumb, ball]))
     count, label = mesh_properties.component_labels(surface.triangles)
-    assert count == 3
-    for number in range(count):
-        own = surface.triangles[label == number]
-        height = surface.vertices[own][:, :, 2].mean()
-        assert mesh_properties.is_closed(own) == (height > 2.0)
-        assert mesh_properties.euler_characteristic(own) == (2 if height > 2.0 else 1)
+    own = [surface.triangles[label == number] for number in range(count)]
+    area = [mesh_properties.triangle_areas(surface.vertices, x).sum() for x in own]
+    # The sheet, the ball and the crumb: no closed bubble.
+    kinds = [mesh_properties.is_closed(own[i]) for i in np.argsort(area)[::-1]]
+    assert kinds == [False, True, False]
+    euler = [mesh_properties.euler_characteristic(own[i]) for i in np.argsort(area)[::-1]]
+    assert euler == [1, 2, 1]
     assert surface.quality.invented < 0.01
 
 
@@ -160,5 +163,3 @@ def test_a_room_with_furniture_keeps_a_closed_object():
     assert count == 2
     sizes = [mesh_properties.is_closed(surface.triangles[label == i]) for i in range(count)]
     assert sorted(sizes) == [False, True]
-
-

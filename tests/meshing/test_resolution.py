@@ -102,8 +102,8 @@ def lines(step, gap, n_lines=40):
 @pytest.mark.parametrize("ratio", [1.0, 4.0, 12.0])
 def test_the_spacing_is_that_across_scan_lines(ratio):
     points = lines(1.0, ratio, 80 if ratio == 1.0 else 20)
-    mean, widest = spacing_around(points, KdTree(points), 1)
-    assert 0.7 * ratio < np.median(widest) < 1.25 * max(ratio, 1.0)
+    mean, widest = spacing_around(points, KdTree(points, 1), 1)
+    assert 0.75 * ratio < np.median(widest) < 1.25 * ratio
     assert (widest >= mean).all()
     # The area that one point covers is known, however the points lie.
     assert np.median(mean) == pytest.approx(np.sqrt(ratio), rel=0.35)
@@ -111,18 +111,19 @@ def test_the_spacing_is_that_across_scan_lines(ratio):
 
 def test_the_spacing_of_a_region_holds_where_the_density_is_even():
     points = sphere(4000).points
-    tree = KdTree(points)
+    tree = KdTree(points, 1)
     spacing = np.full(len(points), np.sqrt(4.0 * np.pi / len(points)))
     solid = np.ones(len(points), bool)
     np.testing.assert_array_equal(local_spacing(spacing, solid, points, tree, 1), spacing)
     sheet = local_spacing(spacing, ~solid, points, tree, 1)
-    assert (sheet >= spacing).all()
-    assert np.median(sheet) < 1.15 * spacing[0]
+    assert (sheet == spacing).mean() > 0.99
     uneven = local_spacing(0.4 * spacing, solid, points, tree, 1)
     assert (uneven > 0.75 * spacing).mean() > 0.95
 
 
-@pytest.mark.parametrize("points", [plane_patch(5000).points, lines(0.01, 0.08)], ids=["even", "lines"])
+@pytest.mark.parametrize(
+    "points", [plane_patch(5000).points, lines(0.01, 0.08)], ids=["even", "lines"]
+)
 def test_a_sheet_has_six_triangles_a_point_at_most(points):
     points = points + 0.03 * np.sin(6.0 * points[:, :1]) * [0.0, 0.0, 1.0]
     surface = reconstruct_surface(points)

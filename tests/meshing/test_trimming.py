@@ -36,7 +36,7 @@ def assert_open_manifold(vertices, triangles):
 def test_the_border_is_the_line_of_equal_confidence(level):
     vertices, triangles = ball()
     confidence = np.clip(0.5 - 0.8 * vertices[:, 2], 0.0, 1.0)
-    vertices, triangles, confidence = cut(vertices, triangles, confidence, level)
+    vertices, triangles, confidence = cut(vertices, triangles, confidence, confidence, level)
     assert_open_manifold(vertices, triangles)
     border = border_of(vertices, triangles)
     assert np.ptp(border[:, 2]) < 0.05, "teeth as long as the cubes"
@@ -48,16 +48,17 @@ def test_any_confidence_leaves_a_manifold_without_slivers():
     vertices, triangles = ball()
     for seed in range(3):
         noise = np.random.default_rng(seed).uniform(size=len(vertices))
-        left = cut(vertices, triangles, np.round(noise), 0.5)
+        left = cut(vertices, triangles, noise, np.round(noise), 0.5)
         assert_open_manifold(*left[:2])
         border_of(*left[:2])
 
 
 def test_all_or_nothing():
     vertices, triangles = ball()
-    kept = cut(vertices, triangles, np.ones(len(vertices)), 0.5)
+    ones = np.ones(len(vertices))
+    kept = cut(vertices, triangles, ones, ones, 0.5)
     np.testing.assert_array_equal(kept[1], triangles)
-    assert len(cut(vertices, triangles, np.zeros(len(vertices)), 0.5)[1]) == 0
+    assert len(cut(vertices, triangles, ones, 0.0 * ones, 0.5)[1]) == 0
 
 
 @pytest.mark.parametrize(("height", "closed"), [(0.95, True), (0.3, False)])
