@@ -124,6 +124,7 @@ def reconstruct_surface(
     use_normals: bool = False,
     viewpoint: ArrayLike | None = None,
     towards: ArrayLike | None = None,
+    closed: bool | Literal["auto"] = "auto",
     trim: float | Literal["auto"] | None = None,
     target_triangles: int | None = None,
     precision: float | None = None,
@@ -132,7 +133,7 @@ def reconstruct_surface(
     print_progress: bool | ProgressCallback = False,
     return_details: bool = False,
 ) -> Any:
-    """Reconstruct a watertight triangle mesh from a cloud without normals.
+    """Reconstruct a triangle mesh from a cloud without normals: watertight where it is a solid.
 
     Parameters
     ----------
@@ -148,10 +149,13 @@ def reconstruct_surface(
     viewpoint, towards : array_like, optional
         As in :func:`estimate_normals`: the surface faces where the scanner stood, or a direction.
         At most one of ``use_normals``, ``viewpoint`` and ``towards``.
+    closed : bool or "auto", default "auto"
+        "auto" closes the mesh where the points say it is a solid, and leaves it open where nothing
+        was measured, with small holes closed; ``details.closing`` says what was decided and why.
+        True closes it whatever the points say, False leaves every hole open.
     trim : float or "auto", optional
-        For open surfaces, terrain, scenes seen from inside: cut away what has a confidence (0 to 1)
-        below this, along a smooth border. "auto" cuts at 0.5, but leaves holes closed whose area is
-        at most 5 % of that of the supported surface. None keeps the mesh closed.
+        Cut away what has a confidence (0 to 1) below this, along a smooth border, in place of what
+        ``closed`` says. "auto" is another name for ``closed="auto"``.
     target_triangles : int, optional
         Decimate to so many triangles (at least 4); a closed mesh stays closed. None keeps all.
     precision : float, optional
@@ -180,8 +184,8 @@ def reconstruct_surface(
     ------
     ValueError
         ``pcd`` has less than 4 finite points, or they coincide, or lie on a line or in a plane
-        (in a plane: unless ``trim`` is given); ``use_normals`` without normals; an option is out of
-        range; ``pcd`` is no point cloud.
+        (in a plane: only with ``closed=True``); ``use_normals`` without normals; an option is out
+        of range; ``pcd`` is no point cloud.
     ImportError
         Open3D is missing; the message says what to type.
     """
@@ -198,6 +202,7 @@ def reconstruct_surface(
         n_threads=n_threads,
         depth=depth,
         voxel_size=voxel_size,
+        closed=closed,
         trim=trim,
         target_triangles=target_triangles,
         precision=precision,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree, vertex_normals
 from o3d_sofnn.geometry.checks import check_mesh, check_stage
-from o3d_sofnn.geometry.quality import Evidence, assess
+from o3d_sofnn.geometry.quality import Inliers, assess
 from o3d_sofnn.geometry.vectors import longest_side
 from o3d_sofnn.implicit.field import Field
 from o3d_sofnn.implicit.units import local_surfaces
@@ -157,7 +157,7 @@ def reconstruct_surface(
         edges = finest * np.exp2(levels)
         implicit = Field(rules, surfaces, on_surface, facing, np.maximum(spacing, edges), threads)
         spacing = np.maximum(spacing, RESOLVES * edges)
-        evidence = _evidence(options, points, estimate, learned, spacing)
+        asked = _asked(points, estimate, learned, spacing)
     del learned, samples, inliers, facing, residual, wider, edges  # a third of what is held
     with clock.stage("surface"):
         vertices, triangles, confidence, closing = mesh(
@@ -181,7 +181,7 @@ def reconstruct_surface(
         near = np.flatnonzero(confidence > 0.0)
         facing[near] = infer_normals(rules, vertices[near], threads)[0]
         check_stage("attributes", normals=facing, confidences=confidence)
-        quality = assess(vertices, triangles, beyond, evidence, threads)
+        quality = assess(vertices, triangles, beyond, asked, threads)
     clock.finish()
     warnings = estimate.warnings + unmet(options.target_triangles, len(triangles))
     return SurfaceEstimate(
@@ -391,14 +391,12 @@ def _border(
     return options.trim
 
 
-def _evidence(
-    options: Options, points: Array, estimate: NormalEstimate, learned: Learned, spacing: Array
-) -> Evidence:
+def _asked(points: Array, estimate: NormalEstimate, learned: Learned, spacing: Array) -> Inliers:
     """Return what the mesh is checked against: a part of the inliers."""
     cloud, kept = learned.cloud, learned.samples.kept
     rows = cloud.first[kept]
-    directions = directions_to(options.viewpoint, points)
-    return Evidence.some(
+    directions = learned.evidence.directions(points)
+    return Inliers.some(
         cloud.points[kept],
         np.maximum(spacing, 2.0 * estimate.noise[rows] / cloud.extent),
         None if directions is None else directions[rows],

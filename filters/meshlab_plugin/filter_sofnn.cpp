@@ -49,6 +49,7 @@ RichParameterList FilterSofnn::initParameterList(const QAction* action, const Me
 		list.addParam(RichInt("depth", 0, "Depth", "The longest side has 2^depth cells; 0 is automatic."));
 		list.addParam(RichLength("voxel_size", 0, 0, box.Diag(), "Voxel size", "Side of a cell; 0 is automatic."));
 		list.addParam(RichBool("use_normals", false, "Use normals", "Take the sides from the layer's vertex normals."));
+		list.addParam(RichEnum("closed", 0, {"auto", "yes", "no"}, "Closed", "auto: where the points say it is a solid."));
 		list.addParam(RichFloat("trim", 0, "Trim", "Cut triangles with a confidence (0 to 1) below this; 0: keep all."));
 		list.addParam(RichInt("target_triangles", 0, "Triangles", "Decimate to so many triangles; 0 keeps all."));
 		list.addParam(RichLength("precision", 0, 0, box.Diag(), "Precision", "Of local surfaces; 0 is automatic."));
@@ -69,15 +70,14 @@ static QStringList options(bool reconstruct, const RichParameterList& values)
 	const auto text = [](double value) { return QString::number(value, 'g', 17); };
 	const auto number = [&](const QString& name, double value) { if (value != 0) list << name + '=' + text(value); };
 	const auto point = [&](const QString& name, Point3m p) { list << name << text(p[0]) << text(p[1]) << text(p[2]); };
-	number("--max-nn", values.getInt("max_nn"));
-	number("--radius", values.getAbsPerc("radius"));
+	number("--max-nn", values.getInt("max_nn")), number("--radius", values.getAbsPerc("radius"));
 	if (reconstruct) {
 		number("--depth", values.getInt("depth"));
 		number("--voxel-size", values.getAbsPerc("voxel_size"));
-		number("--trim", values.getFloat("trim"));
-		number("--target-triangles", values.getInt("target_triangles"));
-		number("--precision", values.getAbsPerc("precision"));
+		list << QStringList {"--closed=auto", "--closed=yes", "--closed=no"}[values.getEnum("closed")];
 		list << (values.getBool("use_normals") ? QStringList("--use-normals") : QStringList());
+		number("--trim", values.getFloat("trim"));
+		number("--precision", values.getAbsPerc("precision")), number("--target-triangles", values.getInt("target_triangles"));
 	}
 	if (const int side = values.getEnum("orientation"))
 		side == 1 ? point("--viewpoint", values.getPoint3m("viewpos")) : point("--towards", values.getPoint3m("direction"));

@@ -101,7 +101,7 @@ def surface_of_cloud(
         mixed = estimate.source_weights @ cloud.colors[kept].astype(np.float64)
         colors = np.clip(np.rint(mixed), 0, 255).astype(np.uint8)
     summary = {
-        **_summary(estimate.normals, len(kept) - len(points)),
+        **_summary(estimate.normals, estimate.warnings, len(kept) - len(points)),
         "voxel_size": float(estimate.voxel_size),
         "offset_points": int(estimate.offset_points),
         "watertight": bool(estimate.watertight),
@@ -147,7 +147,10 @@ def normals_of_cloud(
     normals = np.zeros_like(cloud.points)
     normals[kept] = estimate.normals
     ignored = len(kept) - len(points)
-    summary = {**_summary(estimate, ignored), "seconds": float(sum(estimate.seconds.values()))}
+    summary = {
+        **_summary(estimate, estimate.warnings, ignored),
+        "seconds": float(sum(estimate.seconds.values())),
+    }
     return normals, summary
 
 
@@ -173,8 +176,8 @@ def _own_normals(
     return normals
 
 
-def _summary(estimate: Any, ignored: int) -> dict[str, Any]:
-    for warning in estimate.warnings:
+def _summary(estimate: Any, warnings: tuple[str, ...], ignored: int) -> dict[str, Any]:
+    for warning in warnings:
         _log.warning("%s", warning)
     return {
         "noise_level": float(estimate.noise_level),

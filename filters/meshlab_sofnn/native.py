@@ -92,6 +92,9 @@ def disconnect() -> None:
         _library.o3d_sofnn_set_engine(None)
 
 
+_CLOSED: dict[str, Any] = {"auto": "auto", "yes": True, "no": False}
+
+
 def _options(text: str) -> dict[str, Any]:
     """Return the pipeline's keywords for command line options, one item a line."""
     options: dict[str, Any] = {}
@@ -103,7 +106,7 @@ def _options(text: str) -> dict[str, Any]:
         option, _, value = item.partition("=")
         name = {"--threads": "n_threads"}.get(option, option[2:].replace("-", "_"))
         if value:
-            options[name] = json.loads(value)
+            options[name] = _CLOSED[value] if name == "closed" else json.loads(value)
         else:
             options[name] = [] if name in ("viewpoint", "towards") else True
     return options

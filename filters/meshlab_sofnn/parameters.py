@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +16,8 @@ RECONSTRUCT = "generate_surface_reconstruction_sofnn"
 NORMALS = "compute_normal_for_point_clouds_sofnn"
 
 ORIENTATIONS = ("automatic", "viewpoint", "direction")
+CLOSINGS = ("auto", "yes", "no")
+"""Names of the choices of the enumerations; the first one is the default."""
 
 
 class InvalidEnum(pymeshlab.PyMeshLabException, pymeshlab.InvalidEnumException):  # type: ignore[misc]
@@ -32,7 +35,7 @@ class Parameter:
     ----------
     name : str
         Lower-case keyword, the same as in the native plugin.
-    kind : {"bool", "int", "float", "length", "enum", "point"}
+    kind : {"bool", "int", "float", "length", "enum", "closing", "point"}
         MeshLab's type; a "length" is given as ``PercentageValue`` (of the diagonal of the
         layer's bounding box) or ``PureValue`` (in the cloud's unit).
     default : object
@@ -58,6 +61,7 @@ PARAMETERS: dict[str, tuple[Parameter, ...]] = {
         Parameter("depth", "int", 0),
         Parameter("voxel_size", "length", 0.0),
         Parameter("use_normals", "bool", False),
+        Parameter("closed", "closing", 0),
         Parameter("trim", "float", 0.0),
         Parameter("target_triangles", "int", 0),
         Parameter("precision", "length", 0.0),
@@ -133,6 +137,8 @@ def pipeline_options(filter_name: str, values: Mapping[str, Any]) -> dict[str, A
     options["n_threads"] = values["n_threads"]
     if filter_name == RECONSTRUCT:
         options["use_normals"] = values["use_normals"]
+        if CLOSINGS[values["closed"]] != "auto":
+            options["closed"] = CLOSINGS[values["closed"]] == "yes"
     orientation = ORIENTATIONS[values["orientation"]]
     if orientation == "viewpoint":
         options["viewpoint"] = [float(x) for x in values["viewpos"]]
@@ -183,15 +189,15 @@ def _length(name: str, value: Any, diagonal: float) -> float:
     )
 
 
-def _enum(name: str, value: Any) -> int:
-    if isinstance(value, str) and value in ORIENTATIONS:
-        return ORIENTATIONS.index(value)
+def _enum(name: str, value: Any, choices: tuple[str, ...]) -> int:
+    if isinstance(value, str) and value in choices:
+        return choices.index(value)
     if isinstance(value, str):
-        expected = f"Possible values are {', '.join(map(repr, ORIENTATIONS))}"
+        expected = f"Possible values are {', '.join(map(repr, choices))}"
         raise InvalidEnum(f"Enum {validation.shown(value)} not found. {expected}.")
     number = _int(name, value)
-    if not 0 <= number < len(ORIENTATIONS):
-        expected = f"Must be a value from 0 to {len(ORIENTATIONS) - 1}"
+    if not 0 <= number < len(choices):
+        expected = f"Must be a value from 0 to {len(choices) - 1}"
         raise InvalidEnum(f"Enum {validation.shown(number)} not valid. {expected}.")
     return number
 
@@ -210,6 +216,7 @@ _CONVERT: dict[str, Callable[[str, Any], Any]] = {
     "bool": _bool,
     "int": _int,
     "float": _float,
-    "enum": _enum,
+    "enum": functools.partial(_enum, choices=ORIENTATIONS),
+    "closing": functools.partial(_enum, choices=CLOSINGS),
     "point": _point,
 }

@@ -181,6 +181,7 @@ def _reconstruct(cloud: Any, args: argparse.Namespace, options: dict[str, Any]) 
         depth=args.depth,
         voxel_size=args.voxel_size,
         use_normals=args.use_normals,
+        closed={"yes": True, "no": False}.get(args.closed, "auto"),
         trim=args.trim,
         target_triangles=args.target_triangles,
         precision=args.precision,
@@ -208,13 +209,15 @@ def _figures(source: PointFile, details: NormalEstimate | SurfaceEstimate) -> di
             "text": normals.evidence.text,
             **normals.evidence.figures,
         },
-        "warnings": [*source.notes, *normals.warnings],
+        "warnings": [*source.notes, *details.warnings],
     }
     if isinstance(details, SurfaceEstimate):
         figures |= {
             "vertices": len(details.vertices),
             "triangles": len(details.triangles),
             "watertight": details.watertight,
+            "closing": None if details.closing is None else vars(details.closing),
+            "quality": vars(details.quality),
         }
     return figures
 

@@ -33,8 +33,8 @@ OUT: ply pcd xyz xyzn npz las laz; points and their order are those of IN.
 
 
 _RECONSTRUCT = """\
-Write a closed mesh through the points of IN to OUT. Normals in IN are not needed. For rooms and
-other open surfaces add --trim auto. No option is needed."""
+Write a mesh through the points of IN to OUT: closed where they say it is a solid, else open where
+nothing was measured. Normals in IN are not needed. No option is needed."""
 
 
 _RECONSTRUCT_FILES = """\
@@ -114,10 +114,16 @@ def _add_reconstruct(commands: Any, common: argparse.ArgumentParser) -> None:
         "--voxel-size", type=float, metavar="L", help="side of a cell, in the unit of IN"
     )
     mesh.add_argument(
+        "--closed",
+        choices=("auto", "yes", "no"),
+        default="auto",
+        help="auto (default): closed where the points say it is a solid, else open",
+    )
+    mesh.add_argument(
         "--trim",
         type=_number_or_auto,
         metavar="T",
-        help="cut away what has a confidence (0 to 1) below T; auto: 0.5, small holes stay closed",
+        help="cut away what has a confidence (0 to 1) below T; auto: the same as --closed auto",
     )
     mesh.add_argument(
         "--target-triangles", type=int, metavar="N", help="decimate to N triangles, still closed"

@@ -64,7 +64,7 @@ class Quality:
         Edges of one triangle alone.
     border_length : float
         Of all of them, in the unit of the points.
-    seen : float, optional
+    seen : float or None
         Share of the inliers where the mesh does not face away from the viewpoint, if known.
     """
 
@@ -122,7 +122,7 @@ class Quality:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class Inliers:
     """Some of the inliers of a cloud.
 
     Attributes
@@ -143,7 +143,7 @@ class Evidence:
     weight: float
 
     @classmethod
-    def some(cls, points: Array, reach: Array, directions: Array | None) -> Evidence:
+    def some(cls, points: Array, reach: Array, directions: Array | None) -> Inliers:
         """Return every so manieth of the inliers."""
         few = slice(None, None, 1 + len(points) // ASKED)
         some = points[few].copy()
@@ -152,7 +152,7 @@ class Evidence:
 
 
 def assess(
-    vertices: Array, triangles: Triangles, beyond: Array, evidence: Evidence, n_threads: int
+    vertices: Array, triangles: Triangles, beyond: Array, inliers: Inliers, n_threads: int
 ) -> Quality:
     """Measure how well a mesh fits.
 
@@ -162,7 +162,7 @@ def assess(
     triangles : (t, 3) int32
     beyond : (m,) float64
         Distance of the vertices from the nearest sample over 5 spacings.
-    evidence : Evidence
+    inliers : Inliers
         In the coordinates of the vertices.
     n_threads : int
         Threads.
@@ -174,23 +174,23 @@ def assess(
         itself if that has no edge as long as the point is beside it.
     """
     facing = np.asarray(vertex_normals(vertices, triangles))
-    found = KdTree(vertices, n_threads).query(evidence.points, 1, np.inf, n_threads)[1][:, 0]
-    step = evidence.points - vertices[found]
+    found = KdTree(vertices, n_threads).query(inliers.points, 1, np.inf, n_threads)[1][:, 0]
+    step = inliers.points - vertices[found]
     off = np.abs(np.einsum("kd,kd->k", step, facing[found]))
     away = np.linalg.norm(step, axis=1)
     beside = np.sqrt(np.maximum(away**2 - off**2, 0.0))
     distance = np.where(beside <= _longest_edges(vertices, triangles)[found], off, away)
     label = np.asarray(label_pieces(triangles, len(vertices)))
     area = triangle_areas(vertices, triangles)
-    count = evidence.weight * np.bincount(label[found], minlength=int(label.max()) + 1)
+    count = inliers.weight * np.bincount(label[found], minlength=int(label.max()) + 1)
     border = boundary_edges(triangles)
     length = np.linalg.norm(vertices[border[:, 0]] - vertices[border[:, 1]], axis=1)
     seen = None
-    if evidence.directions is not None:
-        towards = unit(evidence.directions)
+    if inliers.directions is not None:
+        towards = unit(inliers.directions)
         seen = float((np.einsum("kd,kd->k", towards, facing[found]) > GRAZING).mean())
     return Quality(
-        near=float((distance <= evidence.reach).mean()),
+        near=float((distance <= inliers.reach).mean()),
         invented=float(area[(beyond > 1.0)[triangles].all(axis=1)].sum() / area.sum()),
         components=len(count),
         crumbs=int((count < CRUMB).sum()),

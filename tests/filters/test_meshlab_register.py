@@ -39,7 +39,7 @@ def test_registered_filters_work_like_built_in_ones(ms: Any, points: Any) -> Non
 
     values = ms.filter_parameter_values(RECONSTRUCT, voxel_size=pymeshlab.PercentageValue(1))
     assert list(values) == [
-        *("depth", "voxel_size", "use_normals", "trim", "target_triangles", "precision"),
+        *("depth", "voxel_size", "use_normals", "closed", "trim", "target_triangles", "precision"),
         *("orientation", "viewpos", "direction", "max_nn", "radius", "n_threads"),
     ]
     # MeshLab keeps lengths in single precision.

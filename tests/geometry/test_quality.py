@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from shapes import sphere
 
-from o3d_sofnn.geometry.quality import ASKED, Evidence, assess
+from o3d_sofnn.geometry.quality import ASKED, Inliers, assess
 from o3d_sofnn.meshing.extraction import extract
 from o3d_sofnn.pipeline import reconstruct_surface
 
@@ -21,8 +21,8 @@ def ball():
 
 def check(vertices, triangles, points, beyond=None, directions=None, reach=0.05):
     beyond = np.zeros(len(vertices)) if beyond is None else beyond
-    evidence = Evidence.some(points, np.full(len(points), reach), directions)
-    return assess(vertices, triangles, beyond, evidence, 1)
+    inliers = Inliers.some(points, np.full(len(points), reach), directions)
+    return assess(vertices, triangles, beyond, inliers, 1)
 
 
 def test_a_mesh_through_its_points(ball):
@@ -68,9 +68,9 @@ def test_components_with_few_points_are_crumbs(ball):
 
 def test_of_many_points_a_part_speaks():
     points = np.zeros((3 * ASKED, 3))
-    evidence = Evidence.some(points, np.zeros(len(points)), points)
-    assert len(evidence.points) <= ASKED
-    assert evidence.weight * len(evidence.points) == pytest.approx(len(points))
+    inliers = Inliers.some(points, np.zeros(len(points)), points)
+    assert len(inliers.points) <= ASKED
+    assert inliers.weight * len(inliers.points) == pytest.approx(len(points))
 
 
 def test_sides_that_were_seen(ball):

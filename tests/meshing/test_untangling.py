@@ -82,5 +82,5 @@ CLOUDS = {
 
 @pytest.mark.parametrize("name", CLOUDS)
 def test_reconstructed_meshes_do_not_cut_themselves(name):
-    surface = reconstruct_surface(CLOUDS[name])
+    surface = reconstruct_surface(CLOUDS[name], closed=True)
     assert_valid_mesh(surface.vertices, surface.triangles)

@@ -143,7 +143,7 @@ def test_coplanar_points_have_normals(family, make_cloud, normals_of, offset):
 
 def test_coplanar_points_enclose_nothing(family, make_cloud):
     with pytest.raises(ValueError, match="points"):
-        o3d_sofnn.reconstruct_surface(make_cloud(shapes.plane_patch(N).points, family))
+        o3d_sofnn.reconstruct_surface(make_cloud(shapes.plane_patch(N).points, family), closed=True)
 
 
 def test_coplanar_points_give_an_open_mesh_with_trim(family, make_cloud):
