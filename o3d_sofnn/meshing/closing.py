@@ -24,13 +24,18 @@ WOUND = 0.25
 and thick closed ones, at most 0.23 on sheets and small patches (25 scans, 20 shapes)."""
 
 
+BESIDE = 3.0
+"""Distance from a rule, over its radius, up to which a place is in the same piece."""
+
+
 EDGE = 1.15
 """Distance from the samples, over their spacing, at which the surface ends: gaps between samples
 drawn at random are narrower."""
 
 
 VOUCHED = 5.0
-"""Distance from the rim, over the spacing, up to which it vouches for what closes a hole."""
+"""Distance from the data, over the spacing along the rim, up to which that vouches for what closes
+a hole."""
 
 
 FACING = 0.2
@@ -44,8 +49,16 @@ HOLE = 0.1
 to 0.07 on scans all around, from 0.2 on elsewhere."""
 
 
+FEW = 64
+"""Samples below which nothing says that a surface is open, unless it is flat: it is closed."""
+
+
 NEAREST = 8
 """Samples of which one has to face as a vertex does: those of both sheets of a thin part."""
+
+
+FLAT = 1e-6
+"""Thickness of a flat cloud over its size."""
 
 
 BLOCK = 2**16
@@ -87,7 +100,8 @@ def solids(
     """Tell which rules and samples lie on what the winding number takes for a solid.
 
     In front of a solid there is nothing nearly everywhere, and on its surface the winding number is
-    about one half. A few rules by themselves look like that by chance and follow larger pieces.
+    about one half; so it is on half a sphere, which its rim will tell from a whole one. A few rules
+    by themselves look like that by chance: they follow a larger piece if they are in it.
 
     Parameters
     ----------
@@ -110,12 +124,13 @@ def solids(
     count = np.bincount(piece)
     large = np.flatnonzero((count >= min(SHEET, int(count.max())))[piece])
     tree = KdTree(np.ascontiguousarray(rules.centers[large]), n_threads)
-    of_large = solid[piece[large]]
-    of_rules, of_samples = (
-        np.asarray(of_large[tree.query(x, 1, np.inf, n_threads)[1][:, 0]])
-        for x in (rules.centers, samples)
-    )
-    return of_rules, of_samples
+    of_large, radius = solid[piece[large]], rules.radius[large]
+
+    def of(x: Array) -> NDArray[np.bool_]:
+        distance, index = tree.query(x, 1, np.inf, n_threads)
+        return np.asarray(of_large[index[:, 0]] & (distance[:, 0] <= BESIDE * radius[index[:, 0]]))
+
+    return of(rules.centers), of(samples)
 
 
 class Judge:
@@ -155,39 +170,55 @@ class Judge:
             holes that stay closed. The surface ends at `EDGE`.
         closing : Closing
         """
-        beyond, sample = self._distances(vertices, triangles)
+        component = np.asarray(label_pieces(triangles, len(vertices)))
+        distance, beyond, sample = self._distances(vertices, triangles, component)
+        spacing = self._spacing[sample]
         patches = _Patches(vertices, triangles, beyond > EDGE)
-        deep = patches.largest(beyond) > VOUCHED
-        supported = np.bincount(patches.component, patches.areas * ~patches.loose)
-        without = np.bincount(patches.component, patches.areas * (deep[patches.label]))
-        whole = without <= HOLE * supported
+        # Along a rim that is dense here and sparse there the mean by length.
+        along = patches.on_rim(spacing**2) / np.maximum(patches.on_rim(spacing), 1e-300)
+        deep = patches.largest(distance) > VOUCHED * along
+        supported = np.bincount(component, patches.areas * ~patches.loose)
+        without = np.bincount(component, patches.areas * (patches.loose & deep[patches.label]))
+        solid = self._mostly_solid(sample, component) & (without <= HOLE * supported)
         unsupported = float(without.sum() / patches.areas.sum())
-        of_solid = whole[patches.component] & self._solid[sample]
-        facing = patches.facing(self._field.normals[sample])
-        missing = (facing >= FACING) & (patches.on_rim(of_solid.astype(np.float64)) > 0.5)
-        keep = ~deep | missing
-        keep &= self._closes
+        missing = patches.facing(self._field.normals[sample]) >= FACING
+        missing &= patches.on_rim(solid[component].astype(np.float64)) > 0.5
+        keep = (~deep | missing) & self._closes
+        if len(self._spacing) < FEW and not _is_flat(self._field.samples):
+            keep[:] = self._closes
         beyond[patches.loose & keep[patches.label]] = 0.0
         number = np.unique(patches.label[patches.loose])
         return beyond, _closing(keep[number], unsupported, self._closes)
 
-    def _distances(self, vertices: Array, triangles: Triangles) -> tuple[Array, NDArray[np.int64]]:
-        """Distances from samples that face alike, over their spacing, and the nearest sample.
+    def _distances(
+        self, vertices: Array, triangles: Triangles, component: NDArray[np.int64]
+    ) -> tuple[Array, Array, NDArray[np.int64]]:
+        """Distances from samples that face alike, also over their spacing, and the nearest sample.
 
         A sample that the mesh faces nowhere, or on a solid, counts whatever its side.
         """
         facing = np.asarray(vertex_normals(vertices, triangles))
-        faced = ~self._solid
+        sample = self._field.nearest(vertices, 1)[1][:, 0]
+        any_side = self._mostly_solid(sample, component)[component]
+        faced = np.zeros(len(self._spacing), bool)
+        faced[sample[~any_side]] = True
         faced[faced] = self._faced(vertices, facing, np.flatnonzero(faced))
-        beyond, sample = np.empty(len(vertices)), np.empty(len(vertices), np.int64)
+        distance, beyond = np.full(len(vertices), np.inf), np.full(len(vertices), np.inf)
         for start in range(0, len(vertices), BLOCK):
             rows = slice(start, start + BLOCK)
-            distance, index = self._field.nearest(vertices[rows], NEAREST)
+            near, index = self._field.nearest(vertices[rows], NEAREST)
             alike = np.einsum("mkd,md->mk", self._field.normals[index], facing[rows]) > 0.0
-            alike |= ~faced[index]
-            beyond[rows] = np.where(alike, distance / self._spacing[index], np.inf).min(axis=1)
-            sample[rows] = index[:, 0]
-        return np.minimum(beyond, 2.0 * VOUCHED), sample
+            alike |= ~faced[index] | any_side[rows, None]
+            distance[rows] = np.where(alike, near, np.inf).min(axis=1)
+            beyond[rows] = np.where(alike, near / self._spacing[index], np.inf).min(axis=1)
+        return distance, np.minimum(beyond, 2.0 * VOUCHED), sample
+
+    def _mostly_solid(
+        self, sample: NDArray[np.int64], component: NDArray[np.int64]
+    ) -> NDArray[np.bool_]:
+        """Whether most of the vertices of each component have a sample of a solid nearest."""
+        count = np.bincount(component)
+        return np.asarray(2 * np.bincount(component, self._solid[sample]) > count)
 
     def _faced(self, vertices: Array, facing: Array, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Whether a vertex near to each of some samples faces as the sample does."""
@@ -216,8 +247,6 @@ class _Patches:
     ----------
     areas : (m,) float64
         Of a third of the triangles of each vertex.
-    component : (m,) int64
-        Of the mesh.
     label : (m,) int64
         Number of the patch of each vertex; others have numbers of their own.
     """
@@ -226,7 +255,6 @@ class _Patches:
         self.loose = loose
         corners = np.repeat(triangle_areas(vertices, triangles) / 3.0, 3)
         self.areas = np.bincount(triangles.ravel(), corners, len(vertices))
-        self.component = np.asarray(label_pieces(triangles, len(vertices)))
         at = loose[triangles]
         inner = np.ascontiguousarray(triangles[at.all(axis=1)])
         self.label = np.asarray(label_pieces(inner, len(vertices)))
@@ -257,6 +285,12 @@ class _Patches:
         rim = np.stack([self.on_rim(normals[:, d]) for d in range(3)], axis=1)
         length = np.maximum(np.linalg.norm(whole, axis=1), 1e-300)
         return np.asarray(np.einsum("pd,pd->p", rim, whole) / length)
+
+
+def _is_flat(points: Array) -> bool:
+    """Whether points lie in one plane, to rounding."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(spread[-1] <= FLAT * spread[0])
 
 
 def _closing(keep: NDArray[np.bool_], unsupported: float, closes: bool) -> Closing:
