@@ -281,15 +281,17 @@ def learn_rules(
     with clock.stage("orientation"):
         evidence = told(normals, options.viewpoint, options.towards)
         evidence = evidence or found(points, samples, cloud.frame, threads)
-        seen = None if evidence is None else evidence.directions(points)
+        seen = evidence.directions(points) if evidence else None
         rows = cloud.first[samples.kept]
         known, seen = (None if x is None else x[rows] for x in (normals, seen))
         sides = find_sides(samples, known, seen, threads)
         check_stage("orientation", sides=sides)
     rules, samples = _first_rules(samples, sides, limits, clock, threads)
-    if evidence is None:
+    if evidence is None or not evidence.sure:
         with clock.stage("orientation"):
-            rules, sides, evidence = settle(rules, sides, samples.points, cloud.frame, threads)
+            rules, sides, evidence = settle(
+                rules, sides, samples.points, evidence, cloud.frame, threads
+            )
     # Many outliers have disturbed the scale and the rules around them: both are found once more.
     many = (~samples.kept).mean() > MANY
     if many:

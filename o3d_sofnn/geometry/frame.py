@@ -25,6 +25,10 @@ class Frame:
         """Places of the cube, (..., 3), in the user's coordinates."""
         return np.asarray(self.extent * x + self.middle)
 
+    def inside(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Places of the user, (..., 3), in coordinates of the cube."""
+        return np.asarray((x - self.middle) / self.extent)
+
     @property
     def origin(self) -> NDArray[np.float64]:
         """The user's origin, (3,), in coordinates of the cube."""

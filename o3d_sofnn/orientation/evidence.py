@@ -17,7 +17,7 @@ from o3d_sofnn.sampling.outliers import Samples
 Array = NDArray[np.float64]
 
 
-CLEAR = 0.05
+CLEAR = 0.03
 """Cosine from which on a normal clearly faces away from a station that was found: less is the error
 of the normal or of the station (none to 0.2 tried on made scenes: 0.03 to 0.1 flip least)."""
 
@@ -38,6 +38,8 @@ class Evidence:
         What was measured, by name.
     sight : Sight, optional
         From where the points were seen, in their coordinates.
+    sure : bool
+        Whether that holds for all points, and not for open surfaces only.
     warnings : tuple of str
         Said where the decision is a guess.
     """
@@ -46,6 +48,7 @@ class Evidence:
     text: str
     figures: dict[str, float] = field(default_factory=dict)
     sight: Sight | None = None
+    sure: bool = True
     warnings: tuple[str, ...] = ()
 
     @property
@@ -55,7 +58,7 @@ class Evidence:
 
     def directions(self, points: Array) -> Array | None:
         """Vectors, (n, 3), of any length from points to where they were seen from, if known."""
-        return None if self.sight is None else self.sight.directions(points)
+        return self.sight.directions(points) if self.sight is not None and self.sure else None
 
     def turned(self, points: Array, normals: Array) -> Array:
         """Turn normals, (n, 3), that clearly face away from where their points were seen.
@@ -128,7 +131,7 @@ def found(points: Array, samples: Samples, frame: Frame, n_threads: int) -> Evid
         f"for {100.0 * stations.left:.0f} % of its spread"
     )
     figures = {"left": stations.left, "hidden": stations.hidden}
-    return Evidence("density", text, figures, _sight(stations, places, frame))
+    return Evidence("density", text, figures, _sight(stations, places, frame), stations.sure)
 
 
 def _sight(stations: Found, places: Array, frame: Frame) -> Sight:

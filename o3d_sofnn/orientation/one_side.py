@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.geometry.neighbors import neighborhood_areas
 from o3d_sofnn.geometry.vectors import even_directions, unit
-from o3d_sofnn.orientation.visibility import Discs, Station, hidden
+from o3d_sofnn.orientation.visibility import DISCS, Discs, Station, hidden
 from o3d_sofnn.rules.rule_base import RuleBase
 
 Array = NDArray[np.float64]
@@ -25,7 +25,7 @@ DIRECTIONS, ASKED = 75, (500, 1000)
 """Axes that are tried, and discs that are asked, of each and of the best one."""
 
 
-GROUND, LOW, SUNK = (0.9, 0.4), 0.7, 0.12
+GROUND, LOW, SUNK = (0.9, 0.3), 0.7, 0.12
 """Of ground seen from above: least cosine of level parts with z and least share of the area that is
 level; largest height of all over the smaller extent (standard deviations); largest mean winding
 number on the level parts: more is an object that is open below, or a room."""
@@ -47,7 +47,7 @@ class View:
     Attributes
     ----------
     kind : str
-        "height field", "camera" or "one side".
+        "density", "height field", "camera" or "one side".
     station : Station
         Where.
     hidden : float
@@ -78,11 +78,13 @@ def common_view(rules: RuleBase, winding: Array, origin: Array, n_threads: int) 
     View or None
         None where too much is hidden from everywhere.
     """
-    every = np.ones(len(rules), bool)
-    discs = _discs(rules, every, n_threads)
+    rows = np.linspace(0, len(rules) - 1, min(len(rules), DISCS)).astype(np.int64)
+    places = np.ascontiguousarray(rules.feet[rows])
+    areas = neighborhood_areas(places, KdTree(places, n_threads), n_threads)
+    discs = Discs(places, rules.normals[rows], areas, np.sqrt(areas), n_threads)
     level = np.abs(discs.normals[:, 2]) >= GROUND[0]
-    if _is_ground(discs, level, winding):
-        lost = _hidden_share(_discs(rules, level, n_threads), ABOVE, ASKED[1])
+    if _is_ground(discs, level, winding[rows]):
+        lost = _hidden_share(discs.rows(level), ABOVE, ASKED[1])
         if lost <= ONE_SIDED:
             return View("height field", ABOVE, lost)
     if _is_ahead(discs, origin):
@@ -96,12 +98,6 @@ def common_view(rules: RuleBase, winding: Array, origin: Array, n_threads: int) 
         return None
     front = discs.areas @ (discs.normals @ best.place) >= 0.0
     return View("one side", Station(best.place if front else -best.place, far=True), lost)
-
-
-def _discs(rules: RuleBase, rows: NDArray[np.bool_], n_threads: int) -> Discs:
-    places = np.ascontiguousarray(rules.feet[rows])
-    areas = neighborhood_areas(places, KdTree(places, n_threads), n_threads)
-    return Discs(places, rules.normals[rows], areas, np.sqrt(areas), n_threads)
 
 
 def _hidden_share(discs: Discs, station: Station, asked: int) -> float:

@@ -16,7 +16,7 @@ from o3d_sofnn.orientation.confidence import SHEET, empty_in_front, undecided, w
 from o3d_sofnn.orientation.evidence import Evidence
 from o3d_sofnn.orientation.one_side import View, common_view
 from o3d_sofnn.orientation.viewpoint import SURE, seen_sides
-from o3d_sofnn.orientation.visibility import Partly
+from o3d_sofnn.orientation.visibility import Partly, Station
 from o3d_sofnn.rules.rule_base import RuleBase
 
 ALIKE = 0.7
@@ -135,6 +135,7 @@ def settle(
     rules: RuleBase,
     sides: NDArray[np.float64],
     points: NDArray[np.float64],
+    doubtful: Evidence | None,
     frame: Frame,
     n_threads: int,
 ) -> tuple[RuleBase, NDArray[np.float64], Evidence]:
@@ -148,6 +149,8 @@ def settle(
         Rules with the signs of the winding number.
     sides, points : (n, 3) float64
         Points and their sides, consistent with the rules.
+    doubtful : Evidence or None
+        A station that is believed of open surfaces only.
     frame : Frame
         The unit cube that all of this is in.
     n_threads : int
@@ -170,7 +173,9 @@ def settle(
     evidence = Evidence("outward", "sides: outward, by the winding number", {"open": share})
     seen = None
     if share > SHARE:
-        view = common_view(turned.rows(is_open), winding[is_open], frame.origin, n_threads)
+        view = _view_of(doubtful, frame) or common_view(
+            turned.rows(is_open), winding[is_open], frame.origin, n_threads
+        )
         if view is not None:
             seen = Partly(view.station, turned.feet, is_open, n_threads)
             evidence = _seen(view, share, seen.outside(frame))
@@ -187,6 +192,13 @@ def settle(
     if seen is not None and evidence.decided:
         sides = seen_sides(seen.directions(points), sides, points, n_threads)
     return turned, sides, evidence
+
+
+def _view_of(doubtful: Evidence | None, frame: Frame) -> View | None:
+    if doubtful is None or not isinstance(doubtful.sight, Station):
+        return None
+    station = Station(frame.inside(doubtful.sight.place))
+    return View(doubtful.kind, station, doubtful.figures["hidden"])
 
 
 def _sheets_along(
@@ -208,6 +220,7 @@ def _open_rules(rules: RuleBase, empty: NDArray[np.bool_], n_threads: int) -> ND
 
 
 TEXTS = {
+    "density": "the scanner, where the density of the points says that it stood",
     "height field": "up, as level ground does that is seen from above",
     "camera": "the origin, as in the frame of a camera that has not moved far",
     "one side": "where they look convex from",

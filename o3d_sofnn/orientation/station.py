@@ -37,10 +37,10 @@ FAR = 10.0
 one on the other side."""
 
 
-HIDDEN, SURELY, LARGE = (0.15, 0.1), 0.05, 0.28
-"""Largest share of the discs that one station does not see, and that several do not; up to the
-second it does not matter where they are, above it they have at most the third of the area: a place
-inside an object sees the dense parts near to it, not the others."""
+HIDDEN, SURELY = 0.15, 0.05
+"""Largest share of the discs that one station does not see; above the second, as with the sparse
+rings of a scanner on a car, it is believed of open surfaces only, and several are not at all: of
+objects thirty times as dense at one end a place beside that end sees the greater part."""
 
 
 AROUND = 500, 4.0
@@ -98,8 +98,8 @@ class Found:
         One to three places.
     left : float
         Spread of the density that they leave, over the one there is.
-    hidden, hidden_area : float
-        Share of the discs that are hidden from the station to which they owe most, and of the area.
+    hidden : float
+        Share of the discs that are hidden from the station to which they owe most.
     discs : Discs
         The surface.
     """
@@ -107,8 +107,12 @@ class Found:
     stations: tuple[Station, ...]
     left: float
     hidden: float
-    hidden_area: float
     discs: Discs
+
+    @property
+    def sure(self) -> bool:
+        """Whether hardly anything is hidden."""
+        return self.hidden <= SURELY
 
 
 def find_stations(samples: Samples, origin: Array, n_threads: int) -> Found | None:
@@ -152,11 +156,7 @@ def find_stations(samples: Samples, origin: Array, n_threads: int) -> Found | No
             continue
         discs = discs or Discs.of(samples, DISCS, n_threads)
         best = _most_seen(fits, densities, discs)
-        if (
-            best
-            and best.hidden <= HIDDEN[several]
-            and (best.hidden <= SURELY or best.hidden_area <= LARGE)
-        ):
+        if best and best.hidden <= (SURELY if several else HIDDEN):
             found.append(replace(best, left=best.left / raw))
         if found and found[-1].left < WELL:
             break
@@ -226,5 +226,4 @@ def _seen(fit: Fit, densities: list[Density], discs: Discs) -> Found:
         turn = same and views[1].sum() < MIRRORED * views[0].sum()
         taken, lost[mine] = (image, views[1]) if turn else (taken, views[0])
     stations = tuple(Station(place) for place in taken)
-    areas = discs.areas[rows]
-    return Found(stations, fit.spread, float(lost.mean()), float(areas @ lost / areas.sum()), discs)
+    return Found(stations, fit.spread, float(lost.mean()), discs)

@@ -80,6 +80,16 @@ class Discs:
         reach = np.sqrt(areas * (n / len(rows)))
         return cls(places, normals[row, column], areas, reach, n_threads)
 
+    def rows(self, mask: NDArray[np.bool_]) -> Discs:
+        """Return some of the discs, (p,) bool."""
+        return Discs(
+            np.ascontiguousarray(self.places[mask]),
+            self.normals[mask],
+            self.areas[mask],
+            self.reach[mask],
+            self.n_threads,
+        )
+
 
 class Sight(Protocol):
     """From where points were seen."""
