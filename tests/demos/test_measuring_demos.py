@@ -41,6 +41,17 @@ def test_limits_of_every_stage(run: Run) -> None:
     assert {"cells", "orientation", "surface"} <= set(stages)
 
 
+def test_sides_prints_both_tables(run: Run, tmp_path: Path) -> None:
+    np.savetxt(tmp_path / "sheet.xyz", np.random.default_rng(0).random((800, 3)) * [1.0, 1.0, 0.0])
+    done = run("benchmarks/sides", "sheet.xyz", "-n", 3000, "--scenes", "room", "table")
+    assert done.returncode == 0, done.stderr
+    rows = [line.split("|")[1:-1] for line in done.stdout.splitlines() if line.startswith("| ")]
+    assert [row[2].strip() for row in rows[1:5]] == 4 * ["density"]
+    assert max(float(row[4]) for row in rows[1:5]) < 5.0
+    assert rows[-1][0].strip() == "sheet.xyz"
+    assert float(rows[-1][3]) == 100.0
+
+
 def test_orientation_prints_both_tables(run: Run) -> None:
     done = run("benchmarks/orientation", "-n", 1500)
     assert done.returncode == 0, done.stderr

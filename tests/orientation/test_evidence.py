@@ -8,8 +8,11 @@ from scans import scenes
 from scipy.spatial.transform import Rotation
 from shapes import CLOSED, Shape, box, join, plane_patch, sphere
 
+from o3d_sofnn import pipeline
+from o3d_sofnn.orientation.evidence import Evidence
 from o3d_sofnn.orientation.lattice import is_depth_image
 from o3d_sofnn.orientation.viewpoint import seen_sides
+from o3d_sofnn.orientation.visibility import Station
 from o3d_sofnn.pipeline import estimate_normals
 
 ERRORS = scenes.Sensor(noise=0.004, mixed=0.3, dropouts=0.05)
@@ -115,6 +118,20 @@ def test_the_corner_of_a_room_faces_the_camera_at_the_origin():
     assert ((found.normals * shape.normals).sum(axis=1) > 0.0).mean() > 0.995
     moved = estimate_normals(shape.points + 30.0)
     assert moved.evidence.kind != "camera"
+
+
+def test_a_doubtful_station_is_believed_of_open_surfaces_only(monkeypatch):
+    wall = plane_patch(2000, 4.0)
+    wall = Shape(wall.points[:, [2, 0, 1]], wall.normals[:, [2, 0, 1]])
+    shape = join(sphere(2000).moved((0.0, 8.0, 0.0)), wall)
+    for side in (1.0, -1.0):
+        station = Station(np.array([9.0 * side, 0.0, 0.0]))
+        said = Evidence("density", "", {"hidden": 0.1}, station, sure=False)
+        monkeypatch.setattr(pipeline, "found", lambda *_, said=said: said)
+        found = estimate_normals(shape.points)
+        assert found.evidence.kind == "density"
+        assert ((found.normals * shape.normals).sum(axis=1)[:2000] > 0.0).all()
+        assert (side * found.normals[2000:, 0] > 0.9).all()
 
 
 def test_roof_and_ground_both_face_up():
