@@ -54,7 +54,8 @@ def estimate_normals(
         it from the data.
     viewpoint : array_like, shape (3,) or (n, 3), optional
         Where the scanner stood, in the cloud's coordinates, for all points or for each of them (one
-        row a point, those that are not finite included): every normal faces it.
+        row a point, those that are not finite included): every normal faces it, and points that
+        hang between things as seen from there (mixed pixels) are outliers.
     towards : array_like, shape (3,), optional
         The same for a scanner that was far away: a direction that every normal faces. At most one
         of ``viewpoint`` and ``towards``. With neither, normals face where the points were seen from

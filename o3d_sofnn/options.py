@@ -25,7 +25,8 @@ class Options:
     radius : float, optional
         Largest radius of a local fit, in the unit of the points.
     viewpoint : (3,) or (n, 3) float64, optional
-        Where the scanner stood, for all points or for each of them: every normal faces it.
+        Where the scanner stood, for all points or for each of them: every normal faces it, and
+        points that hang between things, as seen from there, count as outliers.
     towards : (3,) float64, optional
         The same for a scanner that is far away: a direction that every normal faces.
     n_threads : int, default -1

@@ -271,17 +271,19 @@ def learn_rules(
         cloud, steps = spread_rounded(unit_cube(points, enclosing), threads)
     limits = _limits(options, cloud.extent)
     with clock.stage("scale"):  # Algorithm 1, steps 3 to 6
-        viewpoint = _viewpoint(options, cloud)
+        viewpoint = _inside(options.viewpoint, cloud)
         far = None if viewpoint is None else np.linalg.norm(cloud.points - viewpoint, axis=1)
         samples = part_outliers(cloud.points, limits, threads, cloud.near, distance=far)
-        hanging = between(cloud.points, viewpoint, samples.scale, threads)
-        if hanging.any():
-            samples = samples.without(hanging[samples.kept], limits, threads)
         samples = steps.floored(samples, threads)
     with clock.stage("orientation"):
         evidence = told(normals, options.viewpoint, options.towards)
         evidence = evidence or found(points, samples, cloud.frame, threads)
-        seen = evidence.directions(points) if evidence else None
+        viewpoint = None if evidence is None else _inside(evidence.viewpoint, cloud)
+        hanging = between(cloud.points, viewpoint, samples.scale, threads)
+        if hanging.any():
+            samples = samples.without(hanging[samples.kept], limits, threads)
+            samples = steps.floored(samples, threads)
+        seen = None if evidence is None else evidence.directions(points)
         rows = cloud.first[samples.kept]
         known, seen = (None if x is None else x[rows] for x in (normals, seen))
         sides = find_sides(samples, known, seen, threads)
@@ -364,11 +366,11 @@ def infer(learned: Learned, options: Options, clock: Clock) -> tuple[NormalEstim
     return estimate, normals, residual
 
 
-def _viewpoint(options: Options, cloud: Cloud) -> Array | None:
+def _inside(viewpoint: Array | None, cloud: Cloud) -> Array | None:
     """Where all distinct points were seen from, or each, in the unit cube."""
-    if options.viewpoint is None:
+    if viewpoint is None:
         return None
-    x = (options.viewpoint - cloud.middle) / cloud.extent
+    x = (viewpoint - cloud.middle) / cloud.extent
     return x if x.ndim == 1 else x[cloud.first]
 
 

@@ -1,5 +1,7 @@
 """Coordinates on a grid: what rounding them costs the mesh, shape by shape and step by step.
 
+Lengths are in spacings: the edge of the square of surface that a point has.
+
 Every cloud is drawn once and rounded to steps of so many spacings, along all axes, as files with
 few digits are, and along the last one, as depth is. A mesh of the rounded cloud shall have a
 Chamfer distance of at most 1.3 x that of the cloud as drawn plus a third of the step, and as many
@@ -27,8 +29,7 @@ from o3d_sofnn.training.shapes import Mesh
 Array = NDArray[Any]
 
 STEPS, DEEP = (0.25, 0.5, 1.0, 2.0), (1.0, 2.0, 4.0)
-"""Rounded to along all axes and along the last one, in spacings: the edge of the square of surface
-that a point has."""
+"""Rounded to along all axes, and along the last one."""
 ALLOWED = (1.3, 1.0 / 3.0)
 """Factor of the Chamfer distance without rounding, and the share of the step, that are allowed."""
 TURN = Rotation.from_euler("xyz", (0.3, 0.5, 0.7)).as_matrix()
@@ -89,10 +90,10 @@ def measure(name: str, points: Array, truth: Mesh | None, steps: list[Array]) ->
         parts = mesh_properties.component_labels(found.triangles)[0]
         limits = limits or [error, parts]
         limit = ALLOWED[0] * limits[0] + ALLOWED[1] * step.max()
-        verdict = "" if error <= limit and parts == limits[1] else "  too far, or other parts"
+        met = bool(error <= limit and parts == limits[1])
         yield (
-            f"{name:24s} {step[0]:5.2f} {step[2]:5.2f} {error:8.3f} {limit:6.3f} {parts:6d} "
-            f"{found.normals.noise_level / spacing:7.3f} {seconds:8.1f}{verdict}"
+            f"| {name} | {step[0]:g} | {step[2]:g} | {error:.3f} | {limit:.3f} | {parts} | "
+            f"{found.normals.noise_level / spacing:.3f} | {seconds:.1f} | {('NO', 'yes')[met]} |"
         )
 
 
@@ -105,7 +106,8 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     steps = [np.zeros(3)] + [np.full(3, step) for step in STEPS]
     steps += [np.array([0.0, 0.0, step]) for step in DEEP]
-    print("cloud                        x,y     z  Chamfer  limit  parts   noise  seconds")
+    print("| cloud | x and y | z | Chamfer | limit | parts | noise | seconds | met |")
+    print("|---|---|---|---|---|---|---|---|---|")
     source = scans(options.folder, options.n) if options.folder else generated(options.n)
     for name, points, truth in source:
         if options.only in name:

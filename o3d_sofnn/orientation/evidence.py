@@ -56,6 +56,15 @@ class Evidence:
         """Whether more than the shape speaks for the sides."""
         return self.kind not in ("one side", "outward")
 
+    @property
+    def viewpoint(self) -> Array | None:
+        """Place, (3,), that all points were seen from, or one for each, (n, 3), if known."""
+        if isinstance(self.sight, Rows):
+            return self.sight.places
+        if isinstance(self.sight, Station) and not self.sight.far:
+            return self.sight.place
+        return None
+
     def directions(self, points: Array) -> Array | None:
         """Vectors, (n, 3), of any length from points to where they were seen from, if known."""
         return self.sight.directions(points) if self.sight is not None and self.sure else None

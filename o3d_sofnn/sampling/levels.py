@@ -14,6 +14,11 @@ CLEAR = 0.01
 single precision after it a hundredth of a step where that is a ten-thousandth of the offset."""
 
 
+BLUR = 1e-4
+"""Gap up to which coordinates are on one level, over the range of 300 points on a surface: that is
+some 20 spacings, and steps that matter are longer than a fifth of one."""
+
+
 REGULAR = (0.6, 1.4, 0.7)
 """Gaps over their median that count as one step, and the share of such gaps: 0.9 on a sparse grid,
 0.8 for steps of disparity in whole millimetres, 0.3 for random levels."""
@@ -42,7 +47,8 @@ def find_levels(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArr
     gaps = np.diff(np.sort(values, axis=1), axis=1)
     falling = -np.sort(-gaps, axis=1)
     most = min(int(values.shape[1] / CROWDED), gaps.shape[1] - 1)
-    between = gaps > falling[:, most, None] / CLEAR
+    within = np.maximum(falling[:, most] / CLEAR, BLUR * gaps.sum(axis=1))
+    between = gaps > within[:, None]
     steps = between.sum(axis=1)
     step = falling[np.arange(len(gaps)), steps // 2] * (steps > 0)
     low, high, share = REGULAR

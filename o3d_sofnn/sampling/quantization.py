@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree
-from o3d_sofnn.sampling.levels import REGULAR, find_levels
+from o3d_sofnn.sampling.levels import BLUR, REGULAR, find_levels
 from o3d_sofnn.sampling.normalization import Cloud
 from o3d_sofnn.sampling.outliers import Samples
 from o3d_sofnn.sampling.rounding import COARSE, evidence, fit_across
@@ -109,7 +109,19 @@ def spread_rounded(cloud: Cloud, n_threads: int) -> tuple[Cloud, Steps]:
     """Find to which steps a cloud was rounded, and spread its points where they are long."""
     points = cloud.points if cloud.near.all() else np.ascontiguousarray(cloud.points[cloud.near])
     steps = find_steps(points, -cloud.middle / cloud.extent, n_threads)
-    return replace(cloud, points=steps.spread(cloud.points, n_threads)), steps
+    if not steps.coarse.any():
+        return cloud, steps
+    long = (
+        f"{axis}: {cloud.extent * np.median(steps.width[coarse, i]):.3g}"
+        for i, (axis, coarse) in enumerate(zip("xyz", steps.coarse.T, strict=True))
+        if coarse.any()
+    )
+    told = (
+        f"coordinates were rounded to steps longer than the spacing ({', '.join(long)}): points "
+        "were spread evenly within them"
+    )
+    spread = steps.spread(cloud.points, n_threads)
+    return replace(cloud, points=spread, warnings=(*cloud.warnings, told)), steps
 
 
 def find_steps(points: NDArray[np.float64], origin: NDArray[np.float64], n_threads: int) -> Steps:
@@ -156,7 +168,7 @@ def find_steps(points: NDArray[np.float64], origin: NDArray[np.float64], n_threa
     width = _agreed(step, rounded, sampled, region)
     if not width.any():
         return none
-    level = np.ptp(around, axis=1) == 0.0
+    level = np.ptp(around, axis=1) <= BLUR * spacing[:, None]
     agreed = ((width > 0.0) & (step > 0.0)).sum(axis=0)
     for axis in np.flatnonzero((agreed > 0) & (agreed >= SOLID * (step > 0.0).sum(axis=0))):
         distance = np.abs(places[:, axis] - origin[axis])

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree, fit_quadrics
 from o3d_sofnn.geometry.vectors import unit
-from o3d_sofnn.sampling.levels import sampling_pattern
+from o3d_sofnn.sampling.levels import BLUR, sampling_pattern
 
 REACH, SMALLEST = 2.5, 27
 """Radius of the fits over the step, and their fewest points: they see five levels."""
@@ -213,7 +213,7 @@ def _by_level(
 def _patterns(step: NDArray[np.float64], around: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Axes (p, 3) in which the points around are a complete grid, and the third of a flat one."""
     found = np.zeros(step.shape, bool)
-    level = np.ptp(around[:, :PATTERN], axis=1) == 0.0
+    level = np.ptp(around[:, :PATTERN], axis=1) <= BLUR * step.max(axis=1, keepdims=True)
     for one, two, third in ((0, 1, 2), (0, 2, 1), (1, 2, 0)):
         rows = np.flatnonzero((step[:, one] > 0.0) & (step[:, two] > 0.0))
         if len(rows):

@@ -133,3 +133,11 @@ def test_pieces_and_handles_that_the_truth_does_not_have(monkeypatch: pytest.Mon
     assert len(stray) == len(ball)
     assert what == "bridge"
     assert np.ptp(loop, axis=0).max() < 0.5  # around the ring, not along it
+
+
+def test_rounding_costs_no_more_than_the_step_allows(run: Run) -> None:
+    done = run("benchmarks/quantised", "-n", 1000, "--only", "box")
+    assert done.returncode == 0, done.stderr
+    rows = [line.split("|")[1:-1] for line in done.stdout.splitlines()[2:]]
+    assert [row[0].strip() for row in rows] == ["box-6"] * 8
+    assert {row[-1].strip() for row in rows} == {"yes"}
