@@ -36,7 +36,8 @@ VOTES = (4, 1.5)
 
 
 SOLID = 0.25
-"""Share of the pilots with steps along an axis whose regions must agree before others follow."""
+"""Share of the pilots with steps along an axis whose regions must agree before others follow, if
+not all pilots together speak for rounding as those of a region must."""
 
 
 GROWING = 0.2
@@ -170,7 +171,9 @@ def find_steps(points: NDArray[np.float64], origin: NDArray[np.float64], n_threa
         return none
     level = np.ptp(around, axis=1) <= BLUR * spacing[:, None]
     agreed = ((width > 0.0) & (step > 0.0)).sum(axis=0)
-    for axis in np.flatnonzero((agreed > 0) & (agreed >= SOLID * (step > 0.0).sum(axis=0))):
+    solid = agreed >= SOLID * (step > 0.0).sum(axis=0)
+    solid |= rounded.sum(axis=0) >= VOTES[1] * sampled.sum(axis=0)
+    for axis in np.flatnonzero(solid & (agreed > 0)):
         distance = np.abs(places[:, axis] - origin[axis])
         width[:, axis] = _continued(width[:, axis], step[:, axis], level[:, axis], distance)
     return Steps(pilot_tree, width, width > COARSE * spacing[:, None], fits.normals)
