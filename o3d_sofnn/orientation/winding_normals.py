@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import KdTree, WindingLists, WindingTree
 from o3d_sofnn.geometry.vectors import unit
 from o3d_sofnn.sampling.cells import build_octree
+from o3d_sofnn.sampling.normalization import RESOLUTION
 
 Array = NDArray[np.float64]
 
@@ -242,4 +243,4 @@ def regional_spacing(x: NDArray[np.float64], tree: KdTree, n_threads: int) -> ND
     places = np.ascontiguousarray(x[::SAMPLED])
     region = tree.query(places, min(REGION, len(x)), np.inf, n_threads)[1]
     nearest = KdTree(places, n_threads).query(x, 1, np.inf, n_threads)[1][:, 0]
-    return np.asarray(np.median(near[region], axis=1)[nearest])
+    return np.asarray(np.maximum(np.median(near[region], axis=1), RESOLUTION)[nearest])
