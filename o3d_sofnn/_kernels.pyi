@@ -1,8 +1,11 @@
 """Native kernels: the loops over points, rules, cells and grid nodes.
 
 Arrays are C-contiguous and on the host: float64 but for the int64 counts and offsets. Kernels check
-types and shapes, not values or lengths; they release the GIL, have no global state, and their
-results do not depend on ``n_threads``. :mod:`o3d_sofnn.reference` has a slow twin of each.
+types, shapes, lengths and indices: a ValueError that names the argument. Coordinates of about unit
+size give finite results whatever else they are; others and what is no number, results without
+meaning. Kernels release the GIL, have no global state, and their results do not depend on
+``n_threads``; where the system gives fewer threads they do with those, and memory that is missing
+in any of them is a MemoryError. :mod:`o3d_sofnn.reference` has a slow twin of each.
 """
 
 import numpy as np
@@ -290,7 +293,8 @@ def open_handles(
 class WindingTree:
     """Tree over sources (n, 3); `area` (n,) is their share in the centres of its nodes.
 
-    Sums are single precision, relative to the mean of the points.
+    Sums are single precision, relative to the mean of the points; a smoothing width is taken as at
+    least 2**-26 of their largest distance from it.
     """
 
     def __init__(self, points: _Floats, area: _Floats, n_threads: int = 1) -> None: ...
