@@ -47,9 +47,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             # Whatever a library has made of the exception, or did in its wake.
             if signals.heard is None:
                 raise
-            return _complain(SIGNALLED + signals.heard, "interrupted")
+            return _interrupted(signals.heard)
         except KeyboardInterrupt:
-            return _complain(SIGNALLED + (signals.heard or signal.SIGINT), "interrupted")
+            return _interrupted(signals.heard or signal.SIGINT)
 
 
 def _run(args: argparse.Namespace, signals: Signals) -> int:
@@ -79,6 +79,13 @@ def _check_working_directory() -> None:
         os.getcwd()
     except OSError as error:  # Open3D's libraries would end the process without a word of why
         raise OSError(error.errno, "not there any more", "the working directory") from None
+
+
+def _interrupted(number: int) -> int:
+    # If code that was a text (as data classes make it) was interrupted, Python would kill itself by
+    # SIGINT in place of the exit code, unless other such code has run since.
+    exec("")
+    return _complain(SIGNALLED + number, "interrupted")
 
 
 def _failed(error: Exception, args: argparse.Namespace) -> int:

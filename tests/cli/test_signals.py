@@ -166,6 +166,26 @@ def test_ctrl_c_during_the_work(tmp_path, command):
     assert output.read_bytes() == b"old"
 
 
+def test_the_exit_code_is_ours_wherever_the_signal_came(tmp_path):
+    """``python -m`` kills itself by SIGINT after code from a text was interrupted."""
+    (tmp_path / "program.py").write_text(
+        "import sys\n"
+        "from o3d_sofnn.cli import commands, main\n"
+        "commands.load = lambda command: None\n"
+        "source = 'import signal; signal.raise_signal(signal.SIGTERM)'\n"
+        "commands.run = lambda args, progress: exec(source)\n"
+        "sys.exit(main.main())\n"
+    )
+    process = subprocess.run(
+        [sys.executable, "-m", "program", "normals", "scan.ply", "out.ply"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+    )
+    assert process.stderr == "o3d-sofnn: error: interrupted\n"
+    assert process.returncode == 128 + signal.SIGTERM
+
+
 class InterruptedAt:
     """Raise KeyboardInterrupt before the n-th instruction of the module that writes files."""
 
