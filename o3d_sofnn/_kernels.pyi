@@ -261,6 +261,15 @@ def intersecting_pairs(
     order. What is nearer than 1e-4 of the size of the triangles touches.
     """
 
+def nearest_triangles(
+    vertices: _Floats, triangles: NDArray[np.int32], x: _Floats, n_threads: int
+) -> tuple[_Floats, _Ints]:
+    """Find the triangle nearest to every row of `x` (n, 3).
+
+    Returns distances (n,) and triangles (n,), of equally near ones the first; infinity and the
+    number of triangles where there are none.
+    """
+
 def decimate(
     vertices: _Floats, triangles: NDArray[np.int32], target: int, n_threads: int
 ) -> tuple[_Floats, NDArray[np.int32], NDArray[np.int32]]:

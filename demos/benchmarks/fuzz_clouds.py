@@ -20,6 +20,7 @@ import numpy as np
 import odd_clouds
 
 from o3d_sofnn import pipeline
+from o3d_sofnn._kernels import intersecting_pairs
 from o3d_sofnn.geometry import mesh_properties
 
 NAMED = re.compile(r"(points|depth|voxel_size|trim|radius|max_nn|precision|target_triangles)\b")
@@ -103,8 +104,12 @@ def _mesh_fault(found: pipeline.SurfaceEstimate, case: odd_clouds.Case) -> str:
     closed = mesh_properties.is_watertight(triangles)
     if found.watertight != closed:
         return "mesh says of itself what it is not"
-    if case.options.get("trim") is None and not closed:
-        return "mesh is not closed"
+    if case.options.get("trim") is None:
+        if not closed:
+            return "mesh is not closed"
+        everything = np.ones(len(triangles), bool)
+        if len(intersecting_pairs(found.vertices, triangles, everything, 1)):
+            return "mesh cuts itself"
     return "mesh" if closed else "open mesh"
 
 

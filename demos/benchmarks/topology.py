@@ -36,6 +36,12 @@ def shape(vertices: NDArray[Any], triangles: NDArray[Any]) -> tuple[int, int]:
     return pieces, pieces - euler_characteristic(triangles) // 2
 
 
+def cutting(vertices: Array, triangles: Array) -> int:
+    """Count the triangles that cut others."""
+    everything = np.ones(len(triangles), bool)
+    return len(np.unique(_kernels.intersecting_pairs(vertices, triangles, everything, 1)))
+
+
 def loops(vertices: Array, triangles: Array, spacing: float) -> Iterator[Array]:
     """Cut every handle of a closed mesh open along a short loop, and yield the loops.
 
@@ -94,8 +100,8 @@ def main() -> int:
     arguments = parser(__doc__, points=100_000)
     arguments.add_argument("--where", action="store_true", help="how thin it is at what is wrong")
     options = arguments.parse_args()
-    print("| cloud | pieces | of the truth | genus | of the truth | triangles |")
-    print("|---|---|---|---|---|---|")
+    print("| cloud | pieces | of the truth | genus | of the truth | triangles | that cut others |")
+    print("|---|---|---|---|---|---|---|")
     lines = []
     for file in options.meshes:
         mesh = read_closed(file)
@@ -105,7 +111,7 @@ def main() -> int:
             ours = shape(surface.vertices, surface.triangles)
             print(
                 f"| {file.stem}, {noise:g} % | {ours[0]} | {truth[0]} | {ours[1]} | {truth[1]} "
-                f"| {len(surface.triangles)} |",
+                f"| {len(surface.triangles)} | {cutting(surface.vertices, surface.triangles)} |",
                 flush=True,
             )
             if not options.where:

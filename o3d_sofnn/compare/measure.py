@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from o3d_sofnn._kernels import nearest_triangles
 from o3d_sofnn.compare.peers import Mesh
 from o3d_sofnn.geometry import mesh_properties
 from o3d_sofnn.geometry.vectors import unit
+from o3d_sofnn.validation import thread_count
 
 Array = NDArray[Any]
 
@@ -115,10 +117,10 @@ def show(key: str, value: float) -> str:
 
 def distances(x: Array, vertices: Array, triangles: Array) -> tuple[Array, Array]:
     """Return distances of (n, 3) places from a mesh, and the normals of the nearest triangles."""
-    import igl
-
-    squared, nearest, _ = igl.point_mesh_squared_distance(x, vertices, triangles.astype(np.int64))
-    return np.sqrt(squared), unit(mesh_properties.area_vectors(vertices, triangles[nearest]))
+    mesh = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(triangles, np.int32)
+    places = np.ascontiguousarray(x, np.float64)
+    distance, nearest = map(np.asarray, nearest_triangles(*mesh, places, thread_count(-1)))
+    return distance, unit(mesh_properties.area_vectors(vertices, triangles[nearest]))
 
 
 def _count_loops(edges: Array) -> int:

@@ -10,6 +10,7 @@ from o3d_sofnn.reference.geometry.neighbors import crowded, query
 from o3d_sofnn.reference.implicit.field import evaluate_field
 from o3d_sofnn.reference.implicit.rlps import reconstruct_units
 from o3d_sofnn.reference.meshing.decimation import decimate
+from o3d_sofnn.reference.meshing.distance import nearest_triangles
 from o3d_sofnn.reference.meshing.grid import DualWalk
 from o3d_sofnn.reference.meshing.handles import handle_edges, open_handles
 from o3d_sofnn.reference.meshing.intersections import intersecting_pairs
@@ -46,6 +47,7 @@ __all__ = [
     "intersecting_pairs",
     "label_pieces",
     "marching_cubes",
+    "nearest_triangles",
     "open_handles",
     "query",
     "reconstruct_units",

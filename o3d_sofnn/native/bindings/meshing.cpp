@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "bindings/arrays.hpp"
 #include "meshing/decimation.hpp"
+#include "meshing/distance.hpp"
 #include "meshing/dual_walk.hpp"
 #include "meshing/handles.hpp"
 #include "meshing/marching_cubes.hpp"
@@ -139,25 +140,40 @@ void bind_meshing(nb::module_& m) {
 
   m.def("intersecting_pairs",
         [](Points vertices, Triangles triangles, Signs suspect, int threads) {
+          expect(suspect.shape(0) == triangles.shape(0), "suspect: expected one for each triangle");
+          const MeshView mesh = view(vertices, triangles);
           std::vector<int32_t> pairs;
           {
             nb::gil_scoped_release release;
-            pairs = intersecting_pairs(view(vertices, triangles), suspect.data(), threads);
+            pairs = intersecting_pairs(mesh, suspect.data(), threads);
           }
           const size_t n = pairs.size() / 2;
           return array(std::move(pairs), {n, 2});
         },
         "vertices"_a, "triangles"_a, "suspect"_a, "n_threads"_a);
 
+  m.def("nearest_triangles",
+        [](Points vertices, Triangles triangles, Points x, int threads) {
+          const MeshView mesh = view(vertices, triangles);
+          Nearest found;
+          {
+            nb::gil_scoped_release release;
+            found = nearest_triangles(mesh, x.data(), x.shape(0), threads);
+          }
+          return nb::make_tuple(array(std::move(found.distance), {x.shape(0)}), array(std::move(found.triangle), {x.shape(0)}));
+        },
+        "vertices"_a, "triangles"_a, "x"_a, "n_threads"_a);
+
   m.def("decimate",
         [](Points vertices, Triangles triangles, int64_t target, int threads) {
+          const MeshView mesh = view(vertices, triangles);
           std::vector<int32_t> source, corners;
           std::vector<double> places;
           {
             nb::gil_scoped_release release;
-            Decimation mesh(view(vertices, triangles), threads);
-            mesh.run(target);
-            source = mesh.compact(), places.swap(mesh.vertices), corners.swap(mesh.corners);
+            Decimation fewer(mesh, threads);
+            fewer.run(target);
+            source = fewer.compact(), places.swap(fewer.vertices), corners.swap(fewer.corners);
           }
           const size_t n = source.size(), t = corners.size() / 3;
           return nb::make_tuple(array(std::move(places), {n, 3}), array(std::move(corners), {t, 3}), array(std::move(source), {n}));

@@ -109,11 +109,17 @@ class Decimation {
   std::vector<int32_t> corners;  // of the triangles, three each
 
  private:
-  static constexpr double kBorder = 10;    // weight of a border, where the surface ends: it keeps its course
-  static constexpr double kPlace = 1e-8;   // of the way along the surface: even triangles where it is flat
-  static constexpr double kTurn = 0.2;     // least cosine between the normals of a triangle before and after
-  static constexpr double kSliver = 0.05;  // least height of a triangle over its longest side, if it was not less before
-  static constexpr size_t kMost = 48;      // triangles around a vertex
+  // Weight of a border, where the surface ends: it keeps its course.
+  static constexpr double kBorder = 10;
+  // Weight of the way along the surface: even triangles where it is flat. Edges of a box moved ten times as far with 1e-4.
+  static constexpr double kPlace = 1e-8;
+  // Least cosine between the normals of a triangle before and after.
+  static constexpr double kTurn = 0.2;
+  // Least height of a triangle over its longest side, unless it was less before: less makes needles on flat faces.
+  static constexpr double kSliver = 0.05;
+  // Most triangles around a vertex: each of them is compared with all the others.
+  static constexpr size_t kMost = 48;
+  // Part of the triangles that has to go for another turn over all edges.
   static constexpr int64_t kAgain = 100;
 
   enum Place : int32_t { kLowest, kFirst, kSecond };
@@ -182,7 +188,7 @@ class Decimation {
     Collapse c{0, std::min(a, b), std::max(a, b), place, age_[std::min(a, b)], age_[std::max(a, b)]};
     const Quadric q = quadrics_[a] + quadrics_[b];
     c.cost = q.at(place_of(q, c) - origin_);
-    queue_.push(c);
+    if (std::isfinite(c.cost)) queue_.push(c);
   }
 
   void collapse(const Collapse& c) {

@@ -129,8 +129,9 @@ inline bool triangles_meet(const double* vertices, const int32_t* s, const int32
     };
     return corners_meet(angle(s, own), angle(t, other));
   }
-  if (equal & (equal - 1)) return true;  // the same triangle
   const int next = first(equal);
+  // The same triangle, or one that names a vertex twice.
+  if ((equal & (equal - 1)) != 0 || next / 3 == own || next % 3 == other) return true;
   return folded(at(s[next / 3]) - corner, at(s[3 - own - next / 3]) - corner, at(t[3 - other - next % 3]) - corner);
 }
 

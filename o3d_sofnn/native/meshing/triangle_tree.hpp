@@ -33,6 +33,15 @@ struct FourBoxes {
       for (int k = 1; k < 4; ++k) all.low[d] = std::min(all.low[d], low[d][k]), all.high[d] = std::max(all.high[d], high[d][k]);
     return all;
   }
+  double squared_distance(int k, Vec3 place) const {
+    const double x[3] = {place.x, place.y, place.z};
+    double sum = 0;
+    for (int d = 0; d < 3; ++d) {
+      const double away = std::max({low[d][k] - x[d], x[d] - high[d][k], 0.0});
+      sum += away * away;
+    }
+    return sum;
+  }
   // Which of them meet a box, a bit each.
   int meeting(const Box& box) const {
     float gap[4];
@@ -105,11 +114,45 @@ class TriangleTree {
       for (int k = 3; k >= 0; --k) {
         if (!(meets >> k & 1)) continue;
         const int64_t index = 4 * node.index + k;
+        if (index >= count_below(node.level)) continue;
         if (node.level > 0) stack[size++] = {node.level - 1, index};
         else if (visit(row_[index])) return true;
       }
     }
     return false;
+  }
+
+  // Calls visit(triangle) for those with boxes nearer to a place than the root of `least`, near ones first; visits make
+  // `least` smaller.
+  template <class Visit>
+  void by_distance(Vec3 place, const double& least, const Visit& visit) const {
+    struct Node {
+      double squared;
+      int64_t level, index;
+    };
+    if (row_.empty()) return;
+    const Vec3 x = place - origin_;
+    Node stack[64];
+    int size = 0;
+    stack[size++] = {0, static_cast<int64_t>(levels_.size()) - 1, 0};
+    while (size > 0) {
+      const Node node = stack[--size];
+      if (node.squared > least) continue;
+      if (node.level < 0) {
+        visit(row_[node.index]);
+        continue;
+      }
+      const int begin = size;
+      for (int k = 0; k < 4; ++k) {
+        const int64_t index = 4 * node.index + k;
+        if (index >= count_below(node.level)) break;
+        const double squared = levels_[node.level][node.index].squared_distance(k, x);
+        if (squared <= least) stack[size++] = {squared, node.level - 1, index};
+      }
+      std::sort(stack + begin, stack + size, [](const Node& a, const Node& b) {
+        return a.squared != b.squared ? a.squared > b.squared : a.index > b.index;
+      });
+    }
   }
 
   // A triangle has another box from now on.
@@ -136,6 +179,7 @@ class TriangleTree {
       for (size_t i = 0; i < wanted[level - 1].size(); ++i) wanted[level][i / 4] |= (wanted[level - 1][i] > 0) << i % 4;
     std::vector<FourPair> pairs{{0, 0}};
     for (size_t level = levels_.size(); level-- > 0;) {
+      const int64_t count = count_below(level);
       const auto each_below = [&](FourPair p, const auto& use) {
         const FourBoxes &one = levels_[level][p.a], &other = levels_[level][p.b];
         for (int i = 0; i < 4; ++i) {
@@ -143,12 +187,12 @@ class TriangleTree {
           if (!(wanted[level][p.a] >> i & 1)) meets &= wanted[level][p.b];
           if (p.a == p.b) meets &= 15 << i;
           for (int j = 0; j < 4; ++j)
-            if (meets >> j & 1) use(FourPair{4 * p.a + i, 4 * p.b + j});
+            if (meets >> j & 1 && 4 * p.a + i < count && 4 * p.b + j < count) use(FourPair{4 * p.a + i, 4 * p.b + j});
         }
       };
-      const auto count = static_cast<int64_t>(pairs.size());
-      std::vector<std::vector<FourPair>> below((count + kChunk - 1) / kChunk);
-      parallel_for(count, kChunk, threads, [&](int64_t first, int64_t last) {
+      const auto n = static_cast<int64_t>(pairs.size());
+      std::vector<std::vector<FourPair>> below((n + kChunk - 1) / kChunk);
+      parallel_for(n, kChunk, threads, [&](int64_t first, int64_t last) {
         std::vector<FourPair>& own = below[first / kChunk];
         for (int64_t k = first; k < last; ++k) {
           if (level > 0) each_below(pairs[k], [&](FourPair p) { own.push_back(p); });
@@ -164,6 +208,11 @@ class TriangleTree {
   struct FourPair {
     int32_t a, b;
   };
+  // What the boxes of a level are around. Those that fill up a four meet nothing, but for boxes that are no numbers.
+  int64_t count_below(int64_t level) const {
+    return static_cast<int64_t>(level > 0 ? levels_[level - 1].size() : row_.size());
+  }
+
   static constexpr int64_t kChunk = 1024;
   static constexpr double kSingle = 2e-7;  // more than the rounding to single precision
   Vec3 origin_;
@@ -171,8 +220,25 @@ class TriangleTree {
   std::vector<std::vector<FourBoxes>> levels_;
 };
 
+// Coordinates times a power of two, so that the longest side is 1 to 2: the eighth powers of lengths are numbers.
+inline std::vector<double> scaled_vertices(const MeshView& mesh) {
+  std::vector<double> scaled(mesh.vertices, mesh.vertices + 3 * mesh.n_vertices);
+  double extent = 0;
+  for (int d = 0; d < 3 && mesh.n_vertices > 0; ++d) {
+    double low = scaled[d], high = low;
+    for (size_t i = d; i < scaled.size(); i += 3) low = std::min(low, scaled[i]), high = std::max(high, scaled[i]);
+    extent = std::max(extent, 0.5 * high - 0.5 * low);
+  }
+  if (!(extent > 0) || !std::isfinite(extent)) return scaled;
+  const int power = -std::ilogb(extent) - 1;
+  for (double& x : scaled) x = std::ldexp(x, power);
+  return scaled;
+}
+
 // Pairs of triangles that meet, of which at least one is suspect: the lesser row first, in ascending order.
-inline std::vector<int32_t> intersecting_pairs(const MeshView& mesh, const bool* suspect, int threads) {
+inline std::vector<int32_t> intersecting_pairs(const MeshView& given, const bool* suspect, int threads) {
+  const std::vector<double> vertices = scaled_vertices(given);
+  const MeshView mesh{vertices.data(), given.triangles, given.n_vertices, given.n_triangles};
   std::vector<std::pair<int32_t, int32_t>> found;
   std::mutex mutex;
   TriangleTree(mesh, threads).pairs_meeting(suspect, threads, [&](int32_t i, int32_t j) {

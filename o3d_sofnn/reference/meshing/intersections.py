@@ -43,7 +43,7 @@ def intersecting_pairs(vertices: Array, triangles: Triangles, suspect: Mask) -> 
         np.take_along_axis(corners[rows], places[:, :, None], axis=1)
         for rows, places in zip(pairs.T, order, strict=True)
     )
-    meets = shared == 3
+    meets = shared > 2
     for count, test in ((0, _strangers_meet), (1, _corners_meet), (2, _folded)):
         chosen = shared == count
         meets[chosen] = test(first[chosen], second[chosen])
