@@ -18,16 +18,20 @@ import warnings
 
 import numpy as np
 import odd_clouds
+from numpy.typing import NDArray
 
 from o3d_sofnn import pipeline
 from o3d_sofnn._kernels import intersecting_pairs
 from o3d_sofnn.geometry import mesh_properties
 
+Array = NDArray[np.float64]
 NAMED = re.compile(r"(points|depth|voxel_size|trim|radius|max_nn|precision|target_triangles)\b")
 """How the message of an error begins."""
 GOOD = ("normals", "mesh", "open mesh", "ValueError")
 SECONDS = 60
 """Processor time from which on a call hangs."""
+COARSE = 1e-5
+"""Rounding of coordinates over the length of edges from which on triangles may lie on others."""
 BATCH = 200
 """Calls that a process makes; the next one begins anew, or behind the call that ended it."""
 
@@ -107,10 +111,18 @@ def _mesh_fault(found: pipeline.SurfaceEstimate, case: odd_clouds.Case) -> str:
     if case.options.get("trim") is None:
         if not closed:
             return "mesh is not closed"
-        everything = np.ones(len(triangles), bool)
-        if len(intersecting_pairs(found.vertices, triangles, everything, 1)):
+        if _cuts_itself(found.vertices, triangles):
             return "mesh cuts itself"
     return "mesh" if closed else "open mesh"
+
+
+def _cuts_itself(vertices: Array, triangles: NDArray[np.int32]) -> bool:
+    """Whether triangles cut others, and not as coordinates far from 0 are too coarse for them."""
+    length = np.linalg.norm(vertices[triangles[:, 0]] - vertices[triangles[:, 1]], axis=1)
+    if np.spacing(np.abs(vertices).max()) > COARSE * length.mean():
+        return False
+    everything = np.ones(len(triangles), bool)
+    return len(intersecting_pairs(vertices, triangles, everything, 1)) > 0
 
 
 def run_batch(seeds: range) -> dict[int, str]:
