@@ -1,4 +1,4 @@
-"""Oriented normals and watertight meshes from raw point clouds.
+"""Oriented normals and meshes, closed or open, from raw point clouds.
 
 The method is the self-organized fuzzy neural network (SOFNN) of "A Novel Self-Organized Fuzzy
 Neural Network Surface Reconstruction Algorithm for Point Clouds Without Normal".
