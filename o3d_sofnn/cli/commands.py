@@ -122,6 +122,9 @@ def run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         point_files.check_contents(args.output, source, template=args.input)
     for note in source.notes:
         _logger.warning("%s: %s", args.input, note)
+    if _uses_viewpoint_of(source, args):
+        options["viewpoint"] = source.viewpoint
+        _logger.info("%s: the scanner's place in the file is used", args.input)
     cloud = adapters.make_cloud(point_files.as_cloud(source))
     result, details = (_reconstruct if mesh_wanted else _normals)(cloud, args, options)
     seconds |= details.seconds
@@ -135,6 +138,7 @@ def run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     seconds["total"] = time.perf_counter() - started
     report = {"command": args.command, "input": str(args.input), "output": str(args.output)}
     report |= _figures(source, details)
+    report["viewpoint_of_file"] = _uses_viewpoint_of(source, args)
     report["seconds"] = {name: round(value, 4) for name, value in seconds.items()}
     return report
 
@@ -165,6 +169,12 @@ def _read(path: Path) -> PointFile:
     if len(source.points) == 0:
         raise ValueError(f"{path}: expected points, got none")
     return source
+
+
+def _uses_viewpoint_of(source: PointFile, args: argparse.Namespace) -> bool:
+    """Whether sides follow a scanner's place in the file: nothing else has been said of them."""
+    said = args.viewpoint is not None or args.towards is not None or args.no_viewpoint
+    return source.viewpoint is not None and not said and not getattr(args, "use_normals", False)
 
 
 def _normals(cloud: Any, args: argparse.Namespace, options: dict[str, Any]) -> Any:

@@ -161,6 +161,11 @@ def _add_side(parser: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGro
         help="the scanner's position: everything faces it",
     )
     side.add_argument(
+        "--no-viewpoint",
+        action="store_true",
+        help="do not use the scanner's place in the file (PCD VIEWPOINT, PTX, E57)",
+    )
+    side.add_argument(
         "--towards",
         nargs=3,
         type=float,
