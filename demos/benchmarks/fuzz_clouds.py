@@ -108,11 +108,10 @@ def _mesh_fault(found: pipeline.SurfaceEstimate, case: odd_clouds.Case) -> str:
     closed = mesh_properties.is_watertight(triangles)
     if found.watertight != closed:
         return "mesh says of itself what it is not"
-    if case.options.get("trim") is None:
-        if not closed:
-            return "mesh is not closed"
-        if _cuts_itself(found.vertices, triangles):
-            return "mesh cuts itself"
+    if case.options.get("closed") is True and not closed:
+        return "mesh is not closed"
+    if closed and _cuts_itself(found.vertices, triangles):
+        return "mesh cuts itself"
     return "mesh" if closed else "open mesh"
 
 

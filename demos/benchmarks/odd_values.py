@@ -52,6 +52,7 @@ GOOD: dict[str, tuple[Any, ...]] = {
     "depth": (3, 5),
     "voxel_size": (0.2, 1.0),
     "use_normals": (True, False),
+    "closed": (True, False, "auto"),
     "trim": (0.1, 0.5, "auto"),
     "target_triangles": (4, 50),
     "precision": (0.01,),
@@ -68,6 +69,7 @@ WORDS = (
 FLAGS = (
     *("--max-nn", "--radius", "--threads", "--progress", "--json", "--viewpoint", "--towards"),
     *("--depth", "--voxel-size", "--trim", "--target-triangles", "--precision", "--use-normals"),
+    *("--closed", "--no-viewpoint"),
     *("--methods", "--out", "--points", "--noise", "--sizes", "--timeout", "--quick", "--up"),
     *("--clouds", "--nonsense"),
 )
@@ -77,6 +79,7 @@ KINDS: dict[str, tuple[Any, ...]] = {
     "int": (0, 2, 7),
     "float": (0.0, 0.5),
     "enum": (0, 1, 2, "automatic", "viewpoint", "direction"),
+    "closing": (0, 1, 2, "auto", "yes", "no"),
     "point": ((0.0, 0.0, 9.0),),
 }
 """Kinds of the parameters of MeshLab's filters, and values that are meant to work."""

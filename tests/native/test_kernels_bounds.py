@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tempfile
 
 import numpy as np
 import pytest
@@ -318,5 +319,6 @@ def test_what_is_no_number_does_not_end_the_process():
         text=True,
         timeout=120,
         check=False,
+        cwd=tempfile.gettempdir(),  # where no sources hide the installed package
     )
     assert done.returncode == 0, done.stderr[-2000:]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tempfile
 
 import pytest
 
@@ -84,5 +85,6 @@ def test_limits(script):
         text=True,
         timeout=300,
         check=False,
+        cwd=tempfile.gettempdir(),  # where no sources hide the installed package
     )
     assert done.returncode == 0, done.stderr[-2000:]
