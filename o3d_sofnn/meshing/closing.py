@@ -180,7 +180,7 @@ class Judge:
         supported = np.bincount(component, patches.areas * ~patches.loose)
         without = np.bincount(component, patches.areas * (patches.loose & deep[patches.label]))
         solid = self._mostly_solid(sample, component) & (without <= HOLE * supported)
-        unsupported = float(without.sum() / patches.areas.sum())
+        unsupported = float(without.sum() / max(patches.areas.sum(), 1e-300))
         missing = patches.facing(self._field.normals[sample]) >= FACING
         missing &= patches.on_rim(solid[component].astype(np.float64)) > 0.5
         keep = (~deep | missing) & self._closes
