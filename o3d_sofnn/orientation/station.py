@@ -214,7 +214,7 @@ def _seen(fit: Fit, densities: list[Density], discs: Discs) -> Found:
     places, normals = discs.places[rows], discs.normals[rows]
     rays = fit.stations[:, None] - places
     square = (rays**2).sum(axis=2)
-    owner = (np.abs((rays * normals).sum(axis=2)) / square**1.5).argmax(axis=0)
+    owner = (np.abs((rays * normals).sum(axis=2)) / np.maximum(square**1.5, 1e-300)).argmax(axis=0)
     taken, lost = fit.stations, np.zeros(len(rows), bool)
     for number, place in enumerate(fit.stations):
         mine = owner == number
