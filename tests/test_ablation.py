@@ -8,8 +8,8 @@ from dataclasses import replace
 from typing import Any
 from unittest.mock import patch
 
-import igl
 import numpy as np
+import open3d as o3d
 import pytest
 from shapes import angles, box, join, torus
 
@@ -75,10 +75,13 @@ def errors(surface: bool, without: str | None = None) -> np.ndarray:
         for shape in SHAPES:
             if surface:
                 mesh = pipeline.reconstruct_surface(shape.points)
-                squared = igl.point_mesh_squared_distance(
-                    shape.points, mesh.vertices, mesh.triangles.astype(np.int64)
-                )[0]
-                found.append(np.sqrt(squared).mean())
+                scene = o3d.t.geometry.RaycastingScene()
+                scene.add_triangles(
+                    o3d.core.Tensor(mesh.vertices.astype(np.float32)),
+                    o3d.core.Tensor(mesh.triangles.astype(np.uint32)),
+                )
+                queries = o3d.core.Tensor(shape.points.astype(np.float32))
+                found.append(scene.compute_distance(queries).numpy().mean())
             else:
                 normals = pipeline.estimate_normals(shape.points).normals
                 found.append(np.sqrt((angles(normals, shape.normals) ** 2).mean()))
