@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 
 from o3d_sofnn.sofnn.fuzzy_c_means import row_chunks
 from o3d_sofnn.sofnn.neurons import (
     Array,
-    Gradient,
     Neurons,
     design,
     fuzzy_basis,
-    gradient,
     infer,
     log_firing,
     offsets,
+    sensitivity,
 )
 
 # One adjustment may change a width by this factor at most; larger steps leave narrow gaps in
@@ -24,6 +26,18 @@ _WIDTH_RANGE = 4.0
 
 # Expected standard deviation of an adjustment, in widths (centres) and log units (widths).
 _EXPECTED_STEP = 0.3
+
+
+# Damping of the first step, its change from step to step, and its range, as a share of the
+# largest curvature.
+_FIRST_DAMPING = 1.0
+_DAMPING_FACTOR = 4.0
+_LEAST_DAMPING = 1e-9
+_LARGEST_DAMPING = 1e3
+
+
+# A step that lowers the error by less than this share of it is the last one.
+_LEAST_GAIN = 1e-4
 
 
 # Share of the noise variance taken as ridge: unit outputs, consequents of a few units.
@@ -69,53 +83,83 @@ def solve_consequents(neurons: Neurons, x: Array, y: Array, noise: float = 0.0) 
         Standard deviation of the noise of `y`.
     """
     gram, moment = normal_equations(neurons, x, y)
-    coefficients = _solve(gram, moment, ridge_for(len(x), noise))
+    coefficients = _solver(gram, ridge_for(len(x), noise))(moment)
     return Neurons(
         neurons.centers, neurons.widths, coefficients.reshape(neurons.coefficients.shape)
     )
 
 
-def reduced_error(
-    neurons: Neurons, x: Array, y: Array, ridge: float
-) -> tuple[float, Neurons, Gradient]:
-    """Give half the (ridged) squared error with the best consequents, and its gradient.
+@dataclass(frozen=True)
+class Reduced:
+    """Rules with the consequents of least squared error, and what error is left.
 
-    At the best consequents the derivative by them is zero, so the derivative of the reduced
-    error by centres and widths is the plain one (variable projection, Golub and Pereyra 1973).
+    At the best consequents the derivative by them is zero, so the error can be seen as one of
+    centres and widths alone (variable projection, Golub and Pereyra 1973).
 
-    Parameters
+    Attributes
     ----------
     neurons : Neurons
-        The rules; of their consequents only the shape counts.
-    x, y : (n, d) and (n, m) arrays
-        Standardised data.
-    ridge : float
-        Weight of the squared consequents.
-
-    Returns
-    -------
-    error : float
-        Half the squared error, and half the ridge.
-    neurons : Neurons
         The rules with the best consequents.
-    gradient : Gradient
-        By centres and logarithms of widths.
+    error : float
+        Half the squared error. The ridge settles the consequents and no more: centres that
+        would pay for it lose accuracy.
+    residual : (n, m) array
+        Output minus desired output.
     """
-    u = offsets(x, neurons.centers, neurons.widths)
-    basis = fuzzy_basis(log_firing(u))
-    columns = design(u, basis, len(neurons.coefficients))
-    flat = _solve(columns.T @ columns, columns.T @ y, ridge)
-    residual = columns @ flat - y
-    solved = Neurons(neurons.centers, neurons.widths, flat.reshape(neurons.coefficients.shape))
-    error = 0.5 * (float(np.sum(residual**2)) + ridge * float(np.sum(flat**2)))
-    return error, solved, gradient(u, basis, residual, solved)
+
+    neurons: Neurons
+    error: float
+    residual: Array
+    _offsets: Array
+    _basis: Array
+    _columns: Array
+    _solve: Callable[[Array], Array]
+
+    @classmethod
+    def of(cls, neurons: Neurons, x: Array, y: Array, ridge: float) -> Reduced:
+        """Solve for the consequents of `neurons`, of which only the shape counts.
+
+        `x` (n, d) and `y` (n, m) are standardised data, `ridge` the weight of the squared
+        consequents.
+        """
+        u = offsets(x, neurons.centers, neurons.widths)
+        basis = fuzzy_basis(log_firing(u))
+        columns = design(u, basis, len(neurons.coefficients))
+        solve = _solver(columns.T @ columns, ridge)
+        flat = solve(columns.T @ y)
+        residual = columns @ flat - y
+        error = 0.5 * float(np.sum(residual**2))
+        coefficients = flat.reshape(neurons.coefficients.shape)
+        solved = Neurons(neurons.centers, neurons.widths, coefficients)
+        return cls(solved, error, residual, u, basis, columns, solve)
+
+    def derivatives(self) -> tuple[Array, Array]:
+        """Differentiate by centres, in widths, and logarithms of widths, the consequents following.
+
+        Returns
+        -------
+        jacobian : (m * n, 2 * M * d) array
+            Of the residual, one output after the other (Kaufman's approximation, 1975).
+        gradient : (2 * M * d,) array
+            Of the error, exact but for the ridge.
+        """
+        blocks = []
+        gradient = np.zeros(2 * self.neurons.centers.size)
+        outputs = np.moveaxis(self.neurons.coefficients, 2, 0)
+        for coefficients, residual in zip(outputs, self.residual.T, strict=True):
+            plain = sensitivity(self._offsets, self._basis, coefficients)
+            plain -= self._columns @ self._solve(self._columns.T @ plain)
+            gradient += plain.T @ residual
+            blocks.append(plain)
+        return np.concatenate(blocks), gradient
 
 
 def adjust(neurons: Neurons, x: Array, y: Array, noise: float, max_iter: int) -> Neurons:
     """Adjust centres, widths and consequents by the gradient of the squared error.
 
-    Quasi-Newton steps (L-BFGS) on centres and logarithms of widths, consequents solved at
-    every step. Centres stay inside the box of the data. With noise, the steps have a price
+    Damped Gauss-Newton steps (Levenberg 1944) on centres and logarithms of widths, each of one
+    width at most, consequents solved at every step. A step that does not lower the error is
+    taken back. Centres stay inside the box of the data. With noise, the steps have a price
     (the maximum a posteriori one), so that rules do not run after it.
 
     Parameters
@@ -138,36 +182,57 @@ def adjust(neurons: Neurons, x: Array, y: Array, noise: float, max_iter: int) ->
     size = n_rules * d
     ridge = ridge_for(len(x), noise)
     price = (noise / _EXPECTED_STEP) ** 2
-    log_widths = np.log(neurons.widths).ravel()
+    # Centres in widths of their rules at the start, widths by their logarithm: free of units.
     unit = np.hstack([neurons.widths.ravel(), np.ones(size)])
+    log_widths = np.log(neurons.widths).ravel()
     stretch = np.log(_WIDTH_RANGE)
-    lower = np.hstack([np.tile(x.min(axis=0), n_rules), log_widths - stretch])
-    upper = np.hstack([np.tile(x.max(axis=0), n_rules), log_widths + stretch])
-    start = np.clip(np.hstack([neurons.centers.ravel(), log_widths]), lower, upper)
+    lower = np.hstack([np.tile(x.min(axis=0), n_rules), log_widths - stretch]) / unit
+    upper = np.hstack([np.tile(x.max(axis=0), n_rules), log_widths + stretch]) / unit
+    start = np.clip(np.hstack([neurons.centers.ravel(), log_widths]) / unit, lower, upper)
 
-    def unpack(parameters: Array) -> Neurons:
-        centers = parameters[:size].reshape(n_rules, d)
-        widths = np.exp(parameters[size:]).reshape(n_rules, d)
-        return Neurons(centers, widths, neurons.coefficients)
+    def reduced(at: Array) -> tuple[Reduced, float]:
+        centers = (at * unit)[:size].reshape(n_rules, d)
+        widths = np.exp(at[size:]).reshape(n_rules, d)
+        found = Reduced.of(Neurons(centers, widths, neurons.coefficients), x, y, ridge)
+        return found, found.error + 0.5 * price * float(np.sum((at - start) ** 2))
 
-    def error(parameters: Array) -> tuple[float, Array]:
-        value, _, slope = reduced_error(unpack(parameters), x, y, ridge)
-        step = (parameters - start) / unit
-        slopes = np.hstack([slope.centers.ravel(), slope.log_widths.ravel()])
-        value += 0.5 * price * float(step @ step)
-        return value / len(x), (slopes + price * step / unit) / len(x)
+    at, damping = start, _FIRST_DAMPING
+    now, error = reduced(at)
+    for _ in range(max_iter):
+        jacobian, slope = now.derivatives()
+        by_start = unit[:size] / now.neurons.widths.ravel()
+        jacobian[:, :size] *= by_start
+        slope[:size] *= by_start
+        slope += price * (at - start)
+        free = ~(((at <= lower) & (slope > 0.0)) | ((at >= upper) & (slope < 0.0)))
+        before = error
+        while damping < _LARGEST_DAMPING:
+            step = np.zeros_like(at)
+            step[free] = _damped_step(jacobian[:, free], slope[free], price, damping)
+            step /= max(1.0, float(np.abs(step).max(initial=0.0)))
+            trial = np.clip(at + step, lower, upper)
+            found, found_error = reduced(trial)
+            if found_error < error:
+                at, now, error = trial, found, found_error
+                damping = max(damping / _DAMPING_FACTOR, _LEAST_DAMPING)
+                break
+            damping *= _DAMPING_FACTOR
+        if before - error <= _LEAST_GAIN * before:
+            break
+    return now.neurons
 
-    from scipy.optimize import minimize  # slow to import, and inference does without it
 
-    found = minimize(
-        error,
-        start,
-        jac=True,
-        method="L-BFGS-B",
-        bounds=np.column_stack([lower, upper]),
-        options={"maxiter": max_iter, "ftol": 1e-10, "gtol": 1e-12, "maxcor": 20},
-    )
-    return solve_consequents(unpack(found.x), x, y, noise)
+def _damped_step(jacobian: Array, slope: Array, price: float, damping: float) -> Array:
+    """Minimise the linearised error plus price and damping, the latter per largest curvature."""
+    rows, columns = jacobian.shape
+    curvature = np.einsum("np,np->p", jacobian, jacobian)
+    weight = price + damping * float(curvature.max(initial=0.0)) + np.finfo(float).tiny
+    if columns <= rows:
+        return -_solver(jacobian.T @ jacobian, weight)(slope)
+    # Fewer rows than parameters: the same step from the smaller system (Woodbury's identity).
+    inner = _solver(jacobian @ jacobian.T, weight)(jacobian @ slope)
+    step: Array = (jacobian.T @ inner - slope) / weight
+    return step
 
 
 def description_length(neurons: Neurons, x: Array, y: Array, resolution: float) -> float:
@@ -182,9 +247,11 @@ def description_length(neurons: Neurons, x: Array, y: Array, resolution: float) 
     return float(np.log(error + resolution**2) + np.log(max(rows, 2)) * size / rows)
 
 
-def _solve(gram: Array, moment: Array, ridge: float) -> Array:
-    from scipy.linalg import cho_factor, cho_solve
+def _solver(gram: Array, ridge: float) -> Callable[[Array], Array]:
+    """Factorise `gram` (k, k), positive semi-definite, plus a ridge; give what solves with it."""
+    from scipy.linalg import cho_factor, cho_solve  # slow to import, inference does without it
 
-    factor = cho_factor(gram + ridge * np.eye(len(gram)), check_finite=False)
-    solution: Array = cho_solve(factor, moment, check_finite=False)
-    return solution
+    gram = gram.copy()
+    gram[np.diag_indices(len(gram))] += ridge
+    factor = cho_factor(gram, check_finite=False)
+    return lambda moment: np.asarray(cho_solve(factor, moment, check_finite=False), np.float64)

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from o3d_sofnn.sofnn.neurons import Array, Neurons, firing_strength, infer
 from o3d_sofnn.sofnn.offline import LearningOptions, TypicalData, learn
+from o3d_sofnn.sofnn.one_thread import on_one_thread
 from o3d_sofnn.sofnn.online import OnlineState, first_rule, first_state, observe
 from o3d_sofnn.sofnn.sklearn_api import Regressor, check_outputs
 from o3d_sofnn.sofnn.standardization import Moments, Scaling
@@ -119,6 +120,7 @@ class SOFNN(Regressor):
         self.memory = memory
         self.random_state = random_state
 
+    @on_one_thread
     def fit(self, X: ArrayLike, y: ArrayLike) -> SOFNN:
         """Learn off-line from inputs `X` (n, d) and outputs `y` (n,) or (n, m); forget the past."""
         self._check_parameters()
@@ -132,6 +134,7 @@ class SOFNN(Regressor):
         self._state = first_state(self._neurons, x, wanted, options, self._rng)
         return self
 
+    @on_one_thread
     def partial_fit(self, X: ArrayLike, y: ArrayLike) -> SOFNN:
         """Learn on-line, the rows of `X` (n, d) and `y` (n,) or (n, m) one after the other."""
         self._check_parameters()

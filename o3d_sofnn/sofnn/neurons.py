@@ -40,15 +40,6 @@ class Neurons:
         return len(self.centers)
 
 
-@dataclass(frozen=True)
-class Gradient:
-    """Derivatives of half the squared error; same shapes as the parameters of `Neurons`."""
-
-    centers: Array
-    log_widths: Array
-    coefficients: Array
-
-
 def offsets(x: Array, centers: Array, widths: Array) -> Array:
     """Give (x - centre) / width as a (d, n, M) array, clipped where squares would overflow."""
     u = np.zeros((x.shape[1], len(x), len(centers)))
@@ -106,43 +97,36 @@ def firing_strength(x: Array, neurons: Neurons) -> Array:
     return strength
 
 
-def gradient(u: Array, basis: Array, residual: Array, neurons: Neurons) -> Gradient:
-    """Differentiate half the squared error of a batch.
+def sensitivity(u: Array, basis: Array, coefficients: Array) -> Array:
+    """Differentiate one output of the network by the premises of its rules.
 
     Parameters
     ----------
     u : (d, n, M) array
-        Offsets of the batch.
+        Offsets of the data.
     basis : (n, M) array
-        Fuzzy basis functions of the batch.
-    residual : (n, m) array
-        Output minus desired output.
-    neurons : Neurons
-        The rules that gave `u`, `basis` and `residual`.
+        Their fuzzy basis functions.
+    coefficients : (p, M) array
+        Consequents of the output.
 
     Returns
     -------
-    Gradient
-        Summed over the batch. Widths are differentiated by their logarithm, so that a step
-        along it keeps them positive and does not depend on the unit.
+    (n, 2 * M * d) array
+        Derivatives by the centres, in units of the widths, then by the logarithms of the
+        widths: rule by rule, dimension by dimension. Neither depends on the unit of the data.
     """
-    n_terms, n_rules, _ = neurons.coefficients.shape
-    d = len(u)
-    # pull[k, j] = residual_k . (output of rule j alone at k), term by term of its polynomial.
-    pull = residual @ neurons.coefficients[0].T
-    slopes = [residual @ neurons.coefficients[1 + i].T for i in range(n_terms - 1)]
-    for i, slope in enumerate(slopes):
-        pull += slope * u[i]
+    d, n, n_rules = u.shape
+    alone = np.broadcast_to(coefficients[0], (n, n_rules)).copy()
+    for i, slopes in enumerate(coefficients[1:]):
+        alone += slopes * u[i]
+    output = np.einsum("nj,nj->n", basis, alone)
     # d(output)/d(log firing_j) = basis_j (output of rule j - output of the network).
-    output_pull = np.einsum("nj,nj->n", basis, pull)
-    by_firing = basis * (pull - output_pull[:, None])
-    centers = np.zeros((n_rules, d))
-    log_widths = np.zeros((n_rules, d))
+    by_firing = basis * (alone - output[:, None])
+    by = np.zeros((n, 2, n_rules, d))
     for i in range(d):
         along = by_firing * u[i]
-        if slopes:
-            along -= basis * slopes[i]
-        centers[:, i] = along.sum(axis=0) / neurons.widths[:, i]
-        log_widths[:, i] = np.einsum("nj,nj->j", along, u[i])
-    coefficients = design(u, basis, n_terms).T @ residual
-    return Gradient(centers, log_widths, coefficients.reshape(neurons.coefficients.shape))
+        if len(coefficients) > 1:
+            along -= basis * coefficients[1 + i]
+        by[:, 0, :, i] = along
+        by[:, 1, :, i] = along * u[i]
+    return by.reshape(n, 2 * n_rules * d)

@@ -206,9 +206,11 @@ def learn(
     # At least two rows for every parameter; fewer cannot tell rules from noise.
     most = max(1, min(options.max_rules, y.shape[1] * len(rows) // (2 * per_rule)))
     neurons = solve_consequents(_first_neuron(d, y.shape[1], options.n_terms), *samples, noise)
-    best = neurons
+    best, length = neurons, description_length(neurons, *samples, options.resolution)
     boundary = 0.5 * float(np.linalg.norm(np.ptp(typical.x, axis=0)))
-    while boundary > options.boundary and len(neurons) < most:
+    while len(neurons) < most:
+        last = boundary <= options.boundary
+        boundary = max(boundary, options.boundary)
         grown = grow(
             neurons,
             (typical.x, typical.y),
@@ -219,13 +221,18 @@ def learn(
             samples,
             noise,
         )
+        shorter = False
         if len(grown) > len(neurons):
             neurons = refine(grown, samples, noise, options, _LEVEL_ITERATIONS)
-            best = min(
-                best,
-                neurons,
-                key=lambda rules: description_length(rules, *samples, options.resolution),
-            )
+            refined = description_length(neurons, *samples, options.resolution)
+            shorter = refined < length
+            if shorter:
+                best, length = neurons, refined
+            else:
+                neurons = best
+        # The finest level is repeated as long as it pays.
+        if last and not shorter:
+            break
         boundary *= _BOUNDARY_FACTOR
     best = refine(best, samples, noise, options, options.max_iter)
     return solve_consequents(best, x, y, noise), typical

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from o3d_sofnn.sofnn.adjustment import normal_equations, solve_consequents
-from o3d_sofnn.sofnn.neurons import Array, Neurons, design, fuzzy_basis, log_firing, offsets
+from o3d_sofnn.sofnn.neurons import Array, Neurons, design, fuzzy_basis, infer, log_firing, offsets
 from o3d_sofnn.sofnn.offline import LearningOptions, noise_level, refine
 from o3d_sofnn.sofnn.standardization import Moments, Scaling
 from o3d_sofnn.sofnn.structure import generate
@@ -41,6 +41,19 @@ _FIRST_REVIEW = 20
 _REVIEW_ITERATIONS = 20
 
 
+# It is worked through earlier where observations since the last time were wrong this often, but
+# not before they have grown by the smaller factor: what learning costs stays bounded.
+_SURPRISES = 10
+
+
+_EARLY_REVIEW_FACTOR = 1.05
+
+
+# Nor is there any waiting where a new neuron, as wide as its distance to the others, multiplies
+# the squared error on the memory by more than this.
+_HARM = 2.0
+
+
 # System errors below this many standard deviations of the noise generate nothing.
 _SIGNIFICANCE = 3.0
 
@@ -63,6 +76,10 @@ class OnlineState:
         Noise of the outputs, in standardised units.
     next_review : int
         Number of observations at which the memory is worked through again.
+    early_review : int
+        The same if the rules are often wrong before.
+    surprises : int
+        Observations since the last review whose error was above the tolerance.
     """
 
     x: Moments
@@ -73,6 +90,8 @@ class OnlineState:
     memory_y: Array
     noise: float
     next_review: int
+    early_review: int = 0
+    surprises: int = 0
 
     def remember(self, x: Array, y: Array, rng: np.random.Generator) -> None:
         """Take an observation into the moments and, with its fair chance, into the memory."""
@@ -162,11 +181,13 @@ def observe(
     tolerance = max(options.tolerance, _SIGNIFICANCE * state.noise) * scaling.y_scale
     boundary = max(_WIDEST_BOUNDARY * _BOUNDARY_DECAY ** state.hits[winner], options.boundary)
     wrong = float(np.linalg.norm(error)) > tolerance
+    state.surprises += int(wrong)
     if wrong and distance[winner] > boundary and len(neurons) < options.max_rules:
         neurons = _generate(neurons, state, x, y, float(distance[winner]), scaling, options)
     else:
         neurons = _follow(neurons, state, row, error)
-    if state.x.count >= state.next_review:
+    surprised = state.surprises >= _SURPRISES and state.x.count >= state.early_review
+    if surprised or state.x.count >= state.next_review:
         neurons = _review(neurons, state, scaling, options)
     return neurons
 
@@ -180,10 +201,11 @@ def _generate(
     scaling: Scaling,
     options: LearningOptions,
 ) -> Neurons:
+    before = scaling.standardise(neurons)
+    here = scaling.inputs(x), scaling.outputs(y)
     grown = generate(
-        scaling.standardise(neurons),
-        scaling.inputs(x),
-        scaling.outputs(y),
+        before,
+        *here,
         d_min,
         options.overlap,
     )
@@ -192,10 +214,18 @@ def _generate(
     # A new neuron takes part of its neighbours' regions, so all consequents are solved anew.
     samples = state.samples(scaling)
     grown = solve_consequents(grown, *samples, state.noise)
+    # The memory need not hold the observation.
+    rows = np.vstack([samples[0], here[0]]), np.vstack([samples[1], here[1]])
+    if _squared_error(grown, *rows) > _HARM * _squared_error(before, *rows):
+        state.next_review = state.x.count
     hits = state.hits
     _take_stock(state, grown, samples)
     state.hits = np.append(hits, 1.0)
     return scaling.restore(grown)
+
+
+def _squared_error(neurons: Neurons, x: Array, y: Array) -> float:
+    return float(np.sum((infer(x, neurons) - y) ** 2))
 
 
 def _follow(neurons: Neurons, state: OnlineState, row: Array, error: Array) -> Neurons:
@@ -218,6 +248,8 @@ def _review(
     )
     _take_stock(state, refined, samples)
     state.next_review = int(_REVIEW_FACTOR * state.x.count) + 1
+    state.early_review = int(_EARLY_REVIEW_FACTOR * state.x.count) + 1
+    state.surprises = 0
     return scaling.restore(refined)
 
 

@@ -57,7 +57,7 @@ def found():
 
 
 def test_a_short_training_finds_rules_that_help(found):
-    network, error = learn(found, 1)
+    network, error = learn(found, 3)
     assert error < 0.98
     mesh = SHAPES[5](np.random.default_rng(99))
     points, normals = draw(mesh, 6000, 0.0, 0.0, np.random.default_rng(98))

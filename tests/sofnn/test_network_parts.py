@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from o3d_sofnn.sofnn.adjustment import (
+    Reduced,
     adjust,
     description_length,
-    reduced_error,
     ridge_for,
     solve_consequents,
 )
-from o3d_sofnn.sofnn.neurons import Neurons, fuzzy_basis, gradient, infer, log_firing, offsets
+from o3d_sofnn.sofnn.neurons import Neurons, fuzzy_basis, infer, log_firing, offsets, sensitivity
 from o3d_sofnn.sofnn.offline import noise_level
 from o3d_sofnn.sofnn.structure import combine, generate, merge, nearest_distance, similarity
 
@@ -52,29 +52,40 @@ def test_output_is_a_mean_of_consequents_however_far(seed, reach):
     assert (y <= neurons.coefficients[0].max(axis=0) + 1e-9).all()
 
 
+def premises(neurons):
+    """Centres in widths, then logarithms of the widths: what is adjusted."""
+    return np.concatenate(
+        [(neurons.centers / neurons.widths).ravel(), np.log(neurons.widths).ravel()]
+    )
+
+
+def with_premises(neurons, values):
+    centers, log_widths = values.reshape(2, *neurons.centers.shape)
+    return Neurons(centers * neurons.widths, np.exp(log_widths), neurons.coefficients)
+
+
+def differences(function, neurons, step):
+    """Central differences of a function of the rules by their premises, one column each."""
+    at, columns = premises(neurons), []
+    for index in range(len(at)):
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = at.copy()
+            moved[index] += sign * step
+            ends.append(function(with_premises(neurons, moved)))
+        columns.append((ends[0] - ends[1]) / (2.0 * step))
+    return np.stack(columns, axis=-1)
+
+
 @pytest.mark.parametrize("n_terms", [1, 3])
-def test_gradient_equals_finite_differences(n_terms):
+def test_sensitivity_equals_finite_differences(n_terms):
     neurons = some_neurons(2, n_terms=n_terms)
-    rng = np.random.default_rng(3)
-    x, y = rng.normal(size=(20, 2)), rng.normal(size=(20, 2))
-
-    def error(parts):
-        centers, log_widths, coefficients = parts
-        return 0.5 * np.sum((infer(x, Neurons(centers, np.exp(log_widths), coefficients)) - y) ** 2)
-
-    parts = [neurons.centers, np.log(neurons.widths), neurons.coefficients]
+    x = np.random.default_rng(3).normal(size=(20, 2))
     u = offsets(x, neurons.centers, neurons.widths)
-    ours = gradient(u, fuzzy_basis(log_firing(u)), infer(x, neurons) - y, neurons)
-    for k, slope in enumerate((ours.centers, ours.log_widths, ours.coefficients)):
-        numeric = np.zeros_like(slope)
-        for index in np.ndindex(slope.shape):
-            ends = []
-            for step in (1e-6, -1e-6):
-                moved = [part.copy() for part in parts]
-                moved[k][index] += step
-                ends.append(error(moved))
-            numeric[index] = (ends[0] - ends[1]) / 2e-6
-        np.testing.assert_allclose(slope, numeric, rtol=1e-5, atol=1e-7)
+    numeric = differences(lambda rules: infer(x, rules), neurons, 1e-6)
+    for k in range(2):
+        ours = sensitivity(u, fuzzy_basis(log_firing(u)), neurons.coefficients[:, :, k])
+        np.testing.assert_allclose(ours, numeric[:, k], rtol=1e-5, atol=1e-7)
 
 
 @pytest.mark.parametrize("n_terms", [1, 3])
@@ -82,27 +93,39 @@ def test_reduced_gradient_equals_finite_differences(n_terms):
     neurons = some_neurons(4, n_terms=n_terms)
     rng = np.random.default_rng(5)
     x, y = rng.normal(size=(60, 2)), rng.normal(size=(60, 2))
-    _, _, slope = reduced_error(neurons, x, y, 0.01)
-    for index in np.ndindex(neurons.centers.shape):
-        ends = []
-        for step in (1e-5, -1e-5):
-            centers = neurons.centers.copy()
-            centers[index] += step
-            moved = Neurons(centers, neurons.widths, neurons.coefficients)
-            ends.append(reduced_error(moved, x, y, 0.01)[0])
-        assert slope.centers[index] == pytest.approx((ends[0] - ends[1]) / 2e-5, rel=1e-4, abs=1e-6)
+    slope = Reduced.of(neurons, x, y, 1e-9).derivatives()[1]
+    numeric = differences(lambda rules: Reduced.of(rules, x, y, 1e-9).error, neurons, 1e-5)
+    np.testing.assert_allclose(slope, numeric, rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.parametrize("n_rows", [20, 200])  # fewer rows than premises, and more
 @pytest.mark.parametrize("noise", [0.0, 0.3])
-def test_adjustment_lowers_the_error(noise):
+def test_adjustment_lowers_the_error_with_every_step(noise, n_rows):
     rng = np.random.default_rng(6)
-    x = rng.uniform(-1, 1, (200, 2))
-    y = np.sin(3 * x[:, :1]) * x[:, 1:] + noise * rng.normal(size=(200, 1))
-    start = solve_consequents(some_neurons(7, n_outputs=1), x, y, noise)
-    after = adjust(start, x, y, noise, 30)
-    ridge = ridge_for(len(x), noise)
-    assert reduced_error(after, x, y, ridge)[0] < reduced_error(start, x, y, ridge)[0]
-    assert (after.widths > 0.0).all()
+    x = rng.uniform(-1, 1, (n_rows, 2))
+    y = np.sin(3 * x[:, :1]) * x[:, 1:] + noise * rng.normal(size=(n_rows, 1))
+    start = some_neurons(7, n_rules=8, n_outputs=1)
+    ridge = ridge_for(n_rows, noise)
+    errors = [
+        Reduced.of(adjust(start, x, y, noise, steps), x, y, ridge).error for steps in range(8)
+    ]
+    if noise == 0.0:  # with noise steps have a price
+        assert (np.diff(errors) <= 0.0).all()
+    assert errors[-1] < (0.5 if noise == 0.0 else 0.95) * errors[0]
+
+
+@settings(deadline=None, max_examples=25)
+@given(seed=st.integers(0, 1000), noise=st.sampled_from([0.0, 0.3]))
+def test_adjustment_is_bounded(seed, noise):
+    rng = np.random.default_rng(seed)
+    x, y = rng.uniform(-1, 1, (60, 2)), rng.normal(size=(60, 2))
+    start = some_neurons(seed)
+    after = adjust(start, x, y, noise, 20)
+    ratio = after.widths / start.widths
+    assert (ratio <= 4.0 + 1e-9).all()
+    assert (ratio >= 0.25 - 1e-9).all()
+    assert (after.centers >= x.min(axis=0) - 1e-9).all()
+    assert (after.centers <= x.max(axis=0) + 1e-9).all()
 
 
 def test_new_neuron_is_equation_10():
