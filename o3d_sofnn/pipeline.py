@@ -38,6 +38,7 @@ from o3d_sofnn.sampling.outliers import MANY, Samples, part_outliers
 from o3d_sofnn.sampling.quantization import Steps, spread_rounded
 from o3d_sofnn.sampling.scale import Limits, refine_scale
 from o3d_sofnn.sampling.sight import between
+from o3d_sofnn.sampling.suitability import unsuitable
 from o3d_sofnn.sampling.typical_data import typical_data
 from o3d_sofnn.validation import thread_count
 
@@ -350,6 +351,7 @@ def infer(learned: Learned, options: Options, clock: Clock) -> tuple[NormalEstim
         noise = learned.steps.given(noise, cloud.points, threads)
         level = learned.steps.given(samples.scale.noise, samples.scale.places, threads)
         check_stage("inference", normals=leaning, confidences=confidence, residuals=residual)
+    doubts = unsuitable(samples.points, samples.tree, threads)
     back = cloud.inverse
     estimate = NormalEstimate(
         normals=leaning[back],
@@ -361,7 +363,7 @@ def infer(learned: Learned, options: Options, clock: Clock) -> tuple[NormalEstim
         seconds=dict(clock.seconds),
         rules=rules.moved(cloud.extent, cloud.middle),
         evidence=learned.evidence,
-        warnings=cloud.warnings + learned.evidence.warnings,
+        warnings=cloud.warnings + doubts + learned.evidence.warnings,
     )
     return estimate, normals, residual
 

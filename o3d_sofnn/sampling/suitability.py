@@ -1,0 +1,86 @@
+"""Stage 2: clouds through which no single surface passes, or whose surface is a guess."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from o3d_sofnn._kernels import KdTree
+
+FEW = 24
+"""Points below which a surface is a guess: between the corners of a cube or an icosahedron
+everything is possible."""
+
+
+PLACES = 200
+"""Points at which the dimension is measured; more change the share by a few hundredths."""
+
+
+COUNTS = (16, 64, 256, 1024)
+"""Numbers of neighbours whose distances are compared. One scale alone would take noise (narrow) or
+a sponge (wide) for a volume."""
+
+
+LOCAL = 8
+"""Neighbours asked for are at most one of so many points: what is wider ends at the borders."""
+
+
+SOLID = 2.4
+"""Dimension from which a neighbourhood is a part of a volume: a surface has 2, a volume 3, near its
+border or on a lattice 2.5."""
+
+
+FILLED = 0.3
+"""Share of such points that is worth a warning. Filled balls, cubes, cylinders and voxel masks have
+0.5 to 0.9, real scans at most 0.06, a sphere with noise of a tenth of its radius 0.3."""
+
+
+def volume_share(points: NDArray[np.float64], tree: KdTree, n_threads: int) -> float:
+    """Measure the share of the points around which the others fill a volume.
+
+    Around a point of a surface four times as many points reach twice as far, within a volume only
+    1.6 times: the correlation dimension (Grassberger and Procaccia 1983), at every scale.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        Distinct points.
+    tree : KdTree
+        Of these points.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    float
+        In [0, 1]; zero for fewer than 512 points, which are too few to tell.
+    """
+    counts = [count for count in COUNTS if count <= len(points) // LOCAL]
+    if len(counts) < 2:
+        return 0.0
+    rows = np.linspace(0, len(points) - 1, PLACES).astype(int)
+    reach = tree.query(points[rows], counts[-1] + 1, np.inf, n_threads)[0][:, counts]
+    growth = np.log(reach[:, 1:] / reach[:, :-1])
+    dimension = np.log(COUNTS[1] / COUNTS[0]) / np.maximum(growth, 1e-9)
+    return float((dimension.min(axis=1) > SOLID).mean())
+
+
+def unsuitable(points: NDArray[np.float64], tree: KdTree, n_threads: int) -> tuple[str, ...]:
+    """Say why a surface through these points is doubtful, and what to do; nothing if it is not.
+
+    The parameters are those of :func:`volume_share`.
+    """
+    if len(points) < FEW:
+        return (
+            f"there are only {len(points)} points: the surface between so few is a guess; sample "
+            "the object more densely",
+        )
+    share = volume_share(points, tree, n_threads)
+    if share > FILLED:
+        return (
+            f"around {100.0 * share:.0f} % of the points the others fill a volume (a voxel mask, a "
+            "carved block, or noise as large as the object): there is no single surface through "
+            "them. Keep the points at the border of the volume, or extract the surface of the "
+            "mask with marching cubes",
+        )
+    return ()
