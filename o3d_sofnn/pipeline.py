@@ -36,7 +36,8 @@ from o3d_sofnn.sampling.local_fit import Neighborhoods
 from o3d_sofnn.sampling.normalization import Cloud, unit_cube
 from o3d_sofnn.sampling.outliers import MANY, Samples, part_outliers
 from o3d_sofnn.sampling.quantization import Steps, spread_rounded
-from o3d_sofnn.sampling.scale import Limits, refine_scale
+from o3d_sofnn.sampling.scales.choice import Limits
+from o3d_sofnn.sampling.scales.refinement import refine_scale
 from o3d_sofnn.sampling.sight import between
 from o3d_sofnn.sampling.suitability import unsuitable
 from o3d_sofnn.sampling.typical_data import typical_data
@@ -287,6 +288,8 @@ def learn_rules(
         seen = None if evidence is None else evidence.directions(points)
         rows = cloud.first[samples.kept]
         known, seen = (None if x is None else x[rows] for x in (normals, seen))
+        if seen is not None:
+            samples = steps.floored(samples.seen(seen, limits, threads), threads)
         sides = find_sides(samples, known, seen, threads)
         check_stage("orientation", sides=sides)
     rules, samples = _first_rules(samples, sides, limits, clock, threads)

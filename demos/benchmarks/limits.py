@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from o3d_sofnn import pipeline
 from o3d_sofnn.implicit.field import NEAREST, PLACES
 from o3d_sofnn.orientation.winding_normals import NARROWING, OPENING, ROUNDS, STEPS, representatives
-from o3d_sofnn.sampling.scale import PILOTS, SCALES
+from o3d_sofnn.sampling.scales.choice import PILOTS, SCALES
 
 Array = NDArray[Any]
 

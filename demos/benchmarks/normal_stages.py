@@ -27,7 +27,8 @@ from o3d_sofnn.rules.rule_base import RuleBase, fit_rules
 from o3d_sofnn.rules.trust import EMPHASIS, INPUTS, shipped
 from o3d_sofnn.sampling.cells import sort_unique
 from o3d_sofnn.sampling.local_fit import Neighborhoods
-from o3d_sofnn.sampling.scale import Limits, choose_scale, refine_scale
+from o3d_sofnn.sampling.scales.choice import Limits, choose_scale
+from o3d_sofnn.sampling.scales.refinement import refine_scale
 from o3d_sofnn.sampling.typical_data import typical_data
 from o3d_sofnn.training.lessons import draw_pairs, lessons
 

@@ -31,7 +31,7 @@ PROBES = 100_000
 def ours(cloud: Cloud) -> Mesh:
     """Reconstruct from the points alone."""
     found = reconstruct_surface(cloud.points)
-    return Mesh(found.vertices, found.triangles)
+    return Mesh(found.vertices, found.triangles.astype(np.int64), None)
 
 
 def oracle(cloud: Cloud) -> Mesh:
@@ -54,7 +54,8 @@ def _poisson(points: Array, normals: Array | None) -> Mesh:
     else:
         pcd.normals = o3d.utility.Vector3dVector(normals)
     mesh = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(pcd, depth=DEPTH)[0]
-    return Mesh(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
+    triangles = np.asarray(mesh.triangles).astype(np.int64)
+    return Mesh(np.asarray(mesh.vertices), triangles, None)
 
 
 METHODS: dict[str, Callable[[Cloud], Mesh]] = {"ours": ours, "oracle": oracle, "chain": chain}

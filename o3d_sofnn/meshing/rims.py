@@ -112,8 +112,10 @@ def _neighbors(triangles: Triangles, n: int) -> tuple[Index, Index]:
     start = triangles.astype(np.int64).ravel()
     end = triangles[:, [1, 2, 0]].astype(np.int64).ravel()
     keys = np.minimum(start, end) * n + np.maximum(start, end)
-    _, first, count = np.unique(keys, return_index=True, return_counts=True)
-    border = first[count == 1]
+    order = np.argsort(keys, kind="stable")
+    differs = np.diff(keys[order]) != 0
+    alone = np.append(True, differs) & np.append(differs, True)
+    border = order[alone]
     start, end = start[border], end[border]
     single = (np.bincount(start, minlength=n) == 1) & (np.bincount(end, minlength=n) == 1)
     before, after = np.full(n, -1), np.full(n, -1)
@@ -125,16 +127,23 @@ def _neighbors(triangles: Triangles, n: int) -> tuple[Index, Index]:
 def _joined(vertices: Array, triangles: Triangles, spacing: Array, n_threads: int) -> Triangles:
     """Join edges of rims, but for those beside which triangles would cut each other."""
     rim = _neighbors(triangles, len(vertices))[0] >= 0
+    if not rim.any():
+        return triangles
     beside = rim[triangles].any(axis=1)
     inner, kept = triangles[~beside], np.zeros(len(vertices), bool)
+    # The band along the rims has its own numbers: the rest of the mesh costs nothing.
+    in_band = np.zeros(len(vertices), bool)
+    in_band[triangles[beside]] = True
+    rows = np.flatnonzero(in_band)
+    number = np.cumsum(in_band, dtype=np.int32) - 1
     for _ in range(ATTEMPTS):
-        band = triangles[beside]
+        band = number[triangles[beside]]
         for _ in range(ROUNDS):
-            fewer = _join(vertices, band, spacing, rim & ~kept)
+            fewer = _join(vertices[rows], band, spacing[rows], (rim & ~kept)[rows])
             if len(fewer) == len(band):
                 break
             band = fewer
-        joined = np.concatenate([inner, band])
+        joined = np.concatenate([inner, rows[band].astype(np.int32)])
         suspect = np.arange(len(joined)) >= len(inner)
         pairs = np.asarray(_kernels.intersecting_pairs(vertices, joined, suspect, n_threads))
         if not len(pairs):
@@ -194,7 +203,8 @@ def _keeps_topology(
     Dey, Edelsbrunner, Guha and Nekhayev, "Topology preserving edge contraction", 1999.
     """
     edges = triangles[:, [0, 1, 1, 2, 2, 0, 1, 0, 2, 1, 0, 2]].reshape(-1, 2).astype(np.int64)
-    pairs = np.unique(edges[:, 0] * n + edges[:, 1])
+    pairs = np.sort(edges[:, 0] * n + edges[:, 1])
+    pairs = pairs[np.append(True, np.diff(pairs) != 0)]
     first = np.searchsorted(pairs, candidate * n)
     degree = np.searchsorted(pairs, (candidate + 1) * n) - first
     row = np.repeat(np.arange(len(candidate)), degree)

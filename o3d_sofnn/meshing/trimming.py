@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree, label_pieces
 
-SAMPLES = 16
+SAMPLES = 24
 """Fewest samples on a piece of surface that is kept."""
 
 

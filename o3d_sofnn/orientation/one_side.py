@@ -37,6 +37,11 @@ seen from the origin; least ratio of far ranges to near ones; largest share that
 the camera moves."""
 
 
+MEAN = 0.01
+"""Least length of the mean normal: that of one side is 0.3 or more, of symmetric points it is
+rounding alone."""
+
+
 ABOVE = Station(np.array([0.0, 0.0, 1.0]), far=True)
 
 
@@ -130,6 +135,7 @@ def _is_ahead(discs: Discs, origin: Array) -> bool:
 
 
 def _axes(discs: Discs) -> Array:
-    """Directions over half a sphere, z, and the mean normal."""
-    mean = discs.areas @ discs.normals
-    return np.vstack([unit(mean[None]), ABOVE.place, even_directions(2 * DIRECTIONS)[:DIRECTIONS]])
+    """Directions over half a sphere, z, and the mean normal if there is one."""
+    mean = discs.areas @ discs.normals / discs.areas.sum()
+    own = unit(mean[None]) if np.linalg.norm(mean) >= MEAN else np.empty((0, 3))
+    return np.vstack([own, ABOVE.place, even_directions(2 * DIRECTIONS)[:DIRECTIONS]])

@@ -12,7 +12,7 @@ from o3d_sofnn.rules.rule_base import NOISE_TOLERANCE, SHAPE_TOLERANCE, RuleBase
 from o3d_sofnn.rules.trust import Experience
 from o3d_sofnn.sampling.local_fit import Neighborhoods, sides_around
 from o3d_sofnn.sampling.outliers import Samples
-from o3d_sofnn.sampling.scale import Limits
+from o3d_sofnn.sampling.scales.choice import Limits
 
 ERROR = 3.0
 """System error, over the tolerance, above which a new rule is considered."""
@@ -244,10 +244,11 @@ def grow(
     centers, count, noise = generate(rules, points, residual, n_threads)
     side = infer_normals(rules, centers, n_threads)[0]
     size, across, stretch = reshape(rules, limits.max_nn, limits.radius)
+    places = np.concatenate([rules.feet, centers])
     where = Neighborhoods(
-        centers=np.concatenate([rules.feet, centers]),
+        centers=places,
         sides=np.concatenate([facing, side]),
-        n_neighbors=np.concatenate([size, count]),
+        n_neighbors=samples.scale.enough(np.concatenate([size, count]), places, n_threads),
         noise=np.concatenate([rules.noise, noise]),
         across=np.concatenate([across, np.zeros_like(centers)]),
         stretch=np.concatenate([stretch, np.ones(len(centers))]),

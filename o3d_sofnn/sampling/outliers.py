@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree, fit_scales
-from o3d_sofnn.sampling.scale import Limits, Scale, choose_scale
+from o3d_sofnn.sampling.scales.choice import Limits, Scale, choose_scale
 
 COMPANY = 8
 """Neighbours looked at."""
@@ -47,24 +47,35 @@ class Samples:
         Of them.
     kept : (n,) bool
         Which of the distinct points of the cloud they are.
+    sight : (m, 3) float64, optional
+        Vectors of any length from them to where they were seen from, zero where unknown.
     """
 
     points: NDArray[np.float64]
     tree: KdTree
     scale: Scale
     kept: NDArray[np.bool_]
+    sight: NDArray[np.float64] | None = None
 
     def parted(self, off: NDArray[np.bool_], n_threads: int) -> Samples:
         """Leave out some of the points, (m,) bool; the scale stays."""
         kept = self.kept.copy()
         kept[kept] = ~off
         points = np.ascontiguousarray(self.points[~off])
-        return Samples(points, KdTree(points, n_threads), self.scale, kept)
+        sight = None if self.sight is None else self.sight[~off]
+        return Samples(points, KdTree(points, n_threads), self.scale, kept, sight)
 
     def without(self, off: NDArray[np.bool_], limits: Limits, n_threads: int) -> Samples:
         """Leave out some of the points, (m,) bool, and find the scale of the others."""
-        rest = self.parted(off, n_threads)
-        return replace(rest, scale=choose_scale(rest.points, rest.tree, limits, n_threads))
+        return self.parted(off, n_threads)._scaled(limits, n_threads)
+
+    def seen(self, sight: NDArray[np.float64], limits: Limits, n_threads: int) -> Samples:
+        """Find the scale anew, knowing in which directions, (m, 3), the sensor stood."""
+        return replace(self, sight=sight)._scaled(limits, n_threads)
+
+    def _scaled(self, limits: Limits, n_threads: int) -> Samples:
+        scale = choose_scale(self.points, self.tree, limits, n_threads, sight=self.sight)
+        return replace(self, scale=scale)
 
 
 def part_outliers(
@@ -85,7 +96,7 @@ def part_outliers(
     points : (n, 3) float64
         Distinct points in Morton order.
     limits, n_threads
-        As in :func:`o3d_sofnn.sampling.scale.choose_scale`.
+        As in :func:`o3d_sofnn.sampling.scales.choice.choose_scale`.
     near : (n,) bool, optional
         False for points that are known as outliers.
     distance : (n,) float64, optional

@@ -17,7 +17,7 @@ from o3d_sofnn.sampling.levels import BLUR, REGULAR, find_levels
 from o3d_sofnn.sampling.normalization import Cloud
 from o3d_sofnn.sampling.outliers import Samples
 from o3d_sofnn.sampling.rounding import COARSE, evidence, fit_across
-from o3d_sofnn.sampling.scale import PILOTS, REGION
+from o3d_sofnn.sampling.scales.choice import PILOTS, REGION
 
 AROUND, FEWEST = 300, 100
 """Points around a pilot whose coordinates are looked at, and of the smallest cloud looked at."""

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.geometry.vectors import longest_side
-from o3d_sofnn.sampling.scale import Scale
+from o3d_sofnn.sampling.scales.choice import Scale
 
 BESIDE = 8
 """Points that are next in direction."""

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from o3d_sofnn import _kernels
 from o3d_sofnn.sampling.cells import build_octree
 from o3d_sofnn.sampling.local_fit import sides_around
-from o3d_sofnn.sampling.scale import Scale
+from o3d_sofnn.sampling.scales.choice import Scale
 
 RULES_PER_NEIGHBORHOOD = 8.0
 """Rules whose centres lie in the neighbourhood of one fit: how far neighbouring fits overlap."""

@@ -14,7 +14,7 @@ from o3d_sofnn.orientation.station import find_stations
 from o3d_sofnn.orientation.visibility import Discs, Several, Station, hidden
 from o3d_sofnn.sampling.normalization import unit_cube
 from o3d_sofnn.sampling.outliers import part_outliers
-from o3d_sofnn.sampling.scale import Limits
+from o3d_sofnn.sampling.scales.choice import Limits
 
 
 def samples_of(points):

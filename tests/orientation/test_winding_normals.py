@@ -13,7 +13,7 @@ from o3d_sofnn.orientation.winding_normals import (
     winding_number_normals,
 )
 from o3d_sofnn.sampling.cells import sort_unique
-from o3d_sofnn.sampling.scale import Limits, choose_scale
+from o3d_sofnn.sampling.scales.choice import Limits, choose_scale
 
 
 def oriented(shape, noise=0.0):

@@ -14,7 +14,7 @@ from o3d_sofnn.rules.rule_base import fit_rules
 from o3d_sofnn.sampling.cells import sort_unique
 from o3d_sofnn.sampling.local_fit import Neighborhoods
 from o3d_sofnn.sampling.outliers import Samples, part_outliers
-from o3d_sofnn.sampling.scale import Limits, Scale
+from o3d_sofnn.sampling.scales.choice import Limits, Scale
 
 SHAPES = {"sphere": (sphere, 2.0), "plane": (plane_patch, 1.0), "torus": (torus, 2.8)}
 """Shape and the edge of its bounding box."""
@@ -75,7 +75,7 @@ def beside(residual, known, distance=None):
     points = np.random.default_rng(0).uniform(-0.5, 0.5, (len(residual), 3)) * [1.0, 1.0, 0.1]
     tree, one = KdTree(points, 1), np.ones(1)
     places = points[:1]
-    scale = Scale(places, KdTree(places, 1), np.array([12]), 0.01 * one, 0.01 * one)
+    scale = Scale(places, KdTree(places, 1), np.array([12]), 0.01 * one, 0.01 * one, np.array([8]))
     inliers = np.concatenate([np.ones(len(points), bool), np.zeros(known, bool)])
     return off_surface(residual, distance, Samples(points, tree, scale, inliers), 1)
 

@@ -8,7 +8,8 @@ from shapes import box, join, plane_patch, sphere, torus
 
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.sampling.cells import sort_unique
-from o3d_sofnn.sampling.scale import SCALES, Limits, choose_scale, untruncated
+from o3d_sofnn.sampling.scales.choice import SCALES, Limits, choose_scale
+from o3d_sofnn.sampling.scales.noise import untruncated
 
 SHAPES = {"sphere": (sphere, 2.0), "plane": (plane_patch, 1.0), "torus": (torus, 2.8)}
 """Shape and the edge of its bounding box."""
@@ -99,3 +100,39 @@ def test_few_points_have_a_scale(n):
     assert (scale.n_neighbors <= max(n, SCALES[0])).all()
     assert np.isfinite(scale.noise).all()
     assert (scale.spacing > 0.0).all()
+
+
+def rings_below(n_rings=40, per_ring=200, noise=0.005, seed=0):
+    """Scan a floor at z = 0 from 1.2 above it, straight down: dense rings with errors of range."""
+    rng = np.random.default_rng(seed)
+    radius = np.repeat(0.02 * np.arange(1, n_rings + 1), per_ring)
+    angle = np.tile(np.arange(per_ring) * (2.0 * np.pi / per_ring), n_rings)
+    floor = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(len(angle))], axis=1)
+    sight = np.array([0.0, 0.0, 1.2]) - floor
+    distance = np.linalg.norm(sight, axis=1)[:, None]
+    return floor - sight / distance * rng.normal(0.0, noise, distance.shape), sight
+
+
+def test_where_the_sensor_stood_fits_are_wider_than_the_error_of_its_range():
+    points, sight = rings_below()
+    order = sort_unique(points)[0]
+    points, sight = np.ascontiguousarray(points[order]), sight[order]
+    tree = KdTree(points, 1)
+    blind = choose_scale(points, tree, Limits(), 1)
+    seeing = choose_scale(points, tree, Limits(), 1, sight=sight)
+    assert (blind.least == SCALES[0]).all()
+    near = np.linalg.norm(seeing.places[:, :2], axis=1) < 0.1
+    assert np.median(blind.n_neighbors[near]) < np.median(seeing.n_neighbors[near])
+    np.testing.assert_allclose(np.median(seeing.noise[near]), 0.005, rtol=0.3)
+    assert (seeing.n_neighbors >= seeing.least).all()
+    assert (seeing.enough(np.full(len(points), 9), points, 1) >= 9).all()
+
+
+def test_a_sensor_that_stood_anywhere_changes_nothing_where_points_are_clean():
+    points = sphere(3000).points
+    points = np.ascontiguousarray(points[sort_unique(points)[0]])
+    tree = KdTree(points, 1)
+    blind = choose_scale(points, tree, Limits(), 1)
+    seeing = choose_scale(points, tree, Limits(), 1, sight=np.array([0.0, 0.0, 9.0]) - points)
+    np.testing.assert_array_equal(seeing.n_neighbors, blind.n_neighbors)
+    np.testing.assert_array_equal(seeing.noise, blind.noise)

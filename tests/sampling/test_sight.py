@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from o3d_sofnn import pipeline
 from o3d_sofnn.geometry import mesh_properties
-from o3d_sofnn.sampling.scale import Scale
+from o3d_sofnn.sampling.scales.choice import Scale
 from o3d_sofnn.sampling.sight import between
 
 ORIGIN = np.zeros(3)

@@ -1,14 +1,16 @@
-"""Stage 2: local plane and quadric fits, their scale and the noise level."""
+"""Scale chosen from fits of many sizes (Algorithm 1, step 6)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree, fit_scales
-from o3d_sofnn.sampling.local_fit import Neighborhoods, fit_quadrics, sides_around, spacing_of
+from o3d_sofnn.geometry.vectors import unit
+from o3d_sofnn.sampling.local_fit import spacing_of
+from o3d_sofnn.sampling.scales.noise import noise_level, untruncated
 
 SCALES = np.array([8, 12, 18, 27, 40, 60, 90, 135, 200, 300, 450, 675, 1000], np.int64)
 """Neighbourhood sizes tried, a factor of 1.5 apart."""
@@ -26,19 +28,18 @@ REGION = 24
 """Pilots that make a region."""
 
 
-TRUNCATED, POWER = 0.36, 2.6
-"""Residual over the radius of a fit that points all over its ball leave, and exponent of the share
-of Gaussian noise that such a ball cuts off (simulated)."""
-
-
-LARGEST = 0.5
-"""Ratio to the former up to which this is made good for: beyond, it may be a second sheet that the
-ball holds."""
-
-
 WIDE, ENOUGH = 0.25, 40
 """Residual over radius of the fits that tell the noise, the smallest of these with so many points:
 in larger ones shape adds to it, in smaller ones most of it is cut off."""
+
+
+EDGE_ON, FRONTAL = 0.1, 0.3
+"""Cosine of a normal with the ray to the sensor below which the surface would be seen edge-on, and
+above which it is seen frontally."""
+
+
+NEAR = 8
+"""Pilots next to each other of which the one that needs the largest fit speaks for all."""
 
 
 PILOTS = 1500
@@ -77,6 +78,9 @@ class Scale:
         Standard deviation of the points about the surface, in the unit of the points.
     spacing : (p,) float64
         Edge of the square that one point covers.
+    least : (p,) int64
+        Neighbourhood size below which fits follow the rays of the sensor instead of the surface:
+        the smallest there is where that is not so, or nobody knows where the sensor stood.
     """
 
     places: NDArray[np.float64]
@@ -84,10 +88,17 @@ class Scale:
     n_neighbors: NDArray[np.int64]
     noise: NDArray[np.float64]
     spacing: NDArray[np.float64]
+    least: NDArray[np.int64]
 
     def at(self, x: NDArray[np.float64], n_threads: int) -> NDArray[np.int64]:
         """Index of the pilot that speaks for each row of `x`."""
         return np.asarray(self.tree.query(x, 1, np.inf, n_threads)[1][:, 0])
+
+    def enough(
+        self, n_neighbors: NDArray[np.int64], x: NDArray[np.float64], n_threads: int
+    ) -> NDArray[np.int64]:
+        """Return sizes, (n,), of neighbourhoods around `x`, at least :attr:`least` there."""
+        return np.maximum(n_neighbors, self.least[self.at(x, n_threads)])
 
 
 def choose_scale(
@@ -95,6 +106,8 @@ def choose_scale(
     tree: KdTree,
     limits: Limits,
     n_threads: int,
+    *,
+    sight: NDArray[np.float64] | None = None,
 ) -> Scale:
     """Find the neighbourhood size that balances noise against detail, region by region.
 
@@ -113,6 +126,8 @@ def choose_scale(
         Largest neighbourhood allowed.
     n_threads : int
         Threads.
+    sight : (n, 3) float64, optional
+        Vectors of any length from the points to where they were seen from, zero where unknown.
 
     Returns
     -------
@@ -121,7 +136,8 @@ def choose_scale(
     """
     n = len(points)
     sizes = sizes_to_try(n, limits.max_nn)
-    pilots = points[np.linspace(0, n - 1, min(n, PILOTS)).astype(np.int64)]
+    rows = np.linspace(0, n - 1, min(n, PILOTS)).astype(np.int64)
+    pilots = points[rows]
     pilot_tree = KdTree(pilots, n_threads)
     region = pilot_tree.query(pilots, min(REGION, len(pilots)), np.inf, n_threads)[1]
     normals = np.empty((len(pilots), 0, 3))
@@ -143,17 +159,55 @@ def choose_scale(
     # The first minimum: beyond the size of a thin part wrong normals agree with each other.
     chosen = np.where(rising.any(axis=1), rising.argmax(axis=1), regional.argmin(axis=1))
     row = np.arange(len(pilots))
+    least = np.zeros(len(pilots), np.int64)
+    if sight is not None:
+        least = least_facing(normals, unit(sight[rows]), region[:, :NEAR])
+    chosen = np.minimum(np.maximum(chosen, least), max(regional.shape[1] - 1, 0))
     chosen = limit_radius(chosen, radii, limits.radius)
     telling = (rms < WIDE * radii) & (sizes[: rms.shape[1]] >= ENOUGH)
     smallest = np.where(telling.any(axis=1), telling.argmax(axis=1), chosen)
     rms = untruncated(rms, radii)
     low = np.minimum(smallest, np.maximum(chosen - 1, 0))
+    low = np.maximum(low, np.minimum(least, chosen))  # a rod along the rays shows no noise
     high = np.minimum(np.maximum(chosen + 1, 2), len(sizes) - 1)
     noise = noise_level(rms[row, low], rms[row, high], sizes[low], sizes[high])
     noise = np.minimum(noise, rms[row, chosen])
     noise = np.median(noise[region], axis=1)
     spacing = spacing_of(radii[row, chosen], sizes[chosen])
-    return Scale(pilots, pilot_tree, sizes[chosen], noise, np.median(spacing[region], axis=1))
+    spacing = np.median(spacing[region], axis=1)
+    return Scale(pilots, pilot_tree, sizes[chosen], noise, spacing, sizes[least])
+
+
+def least_facing(
+    normals: NDArray[np.float64], rays: NDArray[np.float64], near: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Find below which size fits lie along the rays of the sensor.
+
+    Where points are denser than the error of their range is long, a small neighbourhood is a rod
+    along the rays: the plane fitted to it contains them, however well small neighbourhoods agree
+    with each other. What small fits see edge-on and larger ones frontally is frontal.
+
+    Parameters
+    ----------
+    normals : (p, s, 3) float64
+        Unit normals of either sign, of fits of ascending sizes.
+    rays : (p, 3) float64
+        Unit vectors to the sensor, zero where unknown.
+    near : (p, k) int64
+        Pilots next to each one, itself included.
+
+    Returns
+    -------
+    (p,) int64
+        Index of the smallest size that is not edge-on at any pilot near, 0 where all sizes are.
+    """
+    facing = np.abs(np.einsum("psd,pd->ps", normals, rays))
+    known = np.einsum("pd,pd->p", rays, rays) > 0.0
+    larger = np.maximum.accumulate(facing[:, ::-1], axis=1)[:, ::-1]
+    edge_on = (facing < EDGE_ON) & (larger > FRONTAL) & known[:, None]
+    last = edge_on.shape[1] - edge_on[:, ::-1].argmax(axis=1)
+    least = np.where(edge_on.any(axis=1), last, 0)
+    return np.asarray(least[near].max(axis=1))
 
 
 def limit_radius(
@@ -182,121 +236,3 @@ def sizes_to_try(n_points: int, max_neighbors: int | None) -> NDArray[np.int64]:
     """
     limit = max(min(max_neighbors or n_points, n_points // 20), SCALES[0])
     return np.minimum(SCALES[: np.searchsorted(SCALES, limit, "right") + 2], n_points)
-
-
-def untruncated(rms: NDArray[np.float64], radius: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Make good for the part of the noise that lies outside the balls of the fits.
-
-    Parameters
-    ----------
-    rms, radius : (...) float64
-        Residuals of quadric fits and their radii.
-
-    Returns
-    -------
-    (...) float64
-        Standard deviation of the noise: `rms` where that is much less than the radius, up to 1.1
-        times as much elsewhere.
-    """
-    ratio = np.minimum(rms / np.maximum(radius, 1e-300), LARGEST * TRUNCATED)
-    return np.asarray(rms / np.sqrt(1.0 - (ratio / TRUNCATED) ** POWER))
-
-
-def noise_level(
-    fine: NDArray[np.float64],
-    coarse: NDArray[np.float64],
-    n_fine: NDArray[np.int64],
-    n_coarse: NDArray[np.int64],
-) -> NDArray[np.float64]:
-    """Separate noise from shape in the residuals of quadric fits at two scales.
-
-    Noise leaves the same residual at every scale; what a quadric misses of the shape grows with the
-    third power of the radius, so its square with the third power of the number of points.
-
-    Parameters
-    ----------
-    fine, coarse : (p,) float64
-        Root-mean-square residuals.
-    n_fine, n_coarse : (p,) int64
-        Points in the fits.
-
-    Returns
-    -------
-    (p,) float64
-        Standard deviation of the noise.
-    """
-    ratio = (n_fine / n_coarse) ** 3.0
-    rest = (fine**2 - ratio * coarse**2) / np.maximum(1.0 - ratio, 1e-3)
-    return np.sqrt(np.maximum(rest, 0.0))
-
-
-HEIGHTS = 4.0
-"""Weight of a difference in height, over the radius of a middling fit, against one in radians."""
-
-
-REFERENCE = 4
-"""Place of that fit among the sizes."""
-
-
-def refine_scale(
-    points: NDArray[np.float64],
-    tree: KdTree,
-    scale: Scale,
-    sides: NDArray[np.float64],
-    limits: Limits,
-    n_threads: int,
-) -> Scale:
-    """Choose the neighbourhood size anew, from fits that leave the other side of a part out.
-
-    As in :func:`choose_scale` a fit is compared with the one two sizes further up, now in the
-    normal and in the height of the surface: on a tube the normals of ever larger fits agree, by
-    symmetry, while their heights drift. Wrong normals no longer agree beyond the size of a thin
-    part, so that the smallest difference of all sizes counts, not the first one.
-
-    Parameters
-    ----------
-    points : (n, 3) float64
-        Distinct points.
-    tree : KdTree
-        Over `points`.
-    scale : Scale
-        The first choice.
-    sides : (n, 3) float64
-        Unit normals of the points.
-    limits, n_threads
-        As in :func:`choose_scale`.
-
-    Returns
-    -------
-    Scale
-        At the same pilots, noise and spacing as before.
-    """
-    sizes = sizes_to_try(len(points), limits.max_nn)
-    places = scale.places
-    nearest = tree.query(places, 1, np.inf, n_threads)[1][:, 0]
-    facing = sides_around(places, sides[nearest], sides, tree, n_threads)
-    fits = [
-        fit_quadrics(
-            tree,
-            points,
-            sides,
-            Neighborhoods(places, facing, np.full(len(places), size), scale.noise),
-            n_threads,
-        )
-        for size in sizes
-    ]
-    normals = np.stack([fit.normals for fit in fits], axis=1)
-    radius = np.stack([fit.radius for fit in fits], axis=1)
-    feet = np.stack([fit.feet for fit in fits], axis=1)
-    height = np.einsum("psd,pd->ps", feet - places[:, None], facing)
-    unit = radius[:, min(REFERENCE, len(sizes) - 1), None]
-    cosine = np.einsum("psd,psd->ps", normals[:, :-2], normals[:, 2:])
-    angle = np.arccos(np.clip(cosine, -1.0, 1.0))
-    difference = angle + HEIGHTS * np.abs(height[:, :-2] - height[:, 2:]) / unit
-    region = scale.tree.query(places, min(REGION, len(places)), np.inf, n_threads)[1]
-    same = np.einsum("pkd,pd->pk", facing[region], facing) > 0.0
-    regional = np.einsum("pk,pks->ps", same, difference[region]) / same.sum(axis=1)[:, None]
-    chosen = (regional + 0.25 * difference.mean(axis=0)).argmin(axis=1)
-    chosen = limit_radius(chosen, radius, limits.radius)
-    first = np.searchsorted(sizes, scale.n_neighbors)
-    return replace(scale, n_neighbors=sizes[(first + chosen + 1) // 2])

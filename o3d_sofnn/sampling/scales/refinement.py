@@ -1,0 +1,84 @@
+"""Scale chosen anew once the sides are known (Algorithm 1, step 6)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from o3d_sofnn._kernels import KdTree
+from o3d_sofnn.sampling.local_fit import Neighborhoods, fit_quadrics, sides_around
+from o3d_sofnn.sampling.scales.choice import REGION, Limits, Scale, limit_radius, sizes_to_try
+
+HEIGHTS = 4.0
+"""Weight of a difference in height, over the radius of a middling fit, against one in radians."""
+
+
+REFERENCE = 4
+"""Place of that fit among the sizes."""
+
+
+def refine_scale(
+    points: NDArray[np.float64],
+    tree: KdTree,
+    scale: Scale,
+    sides: NDArray[np.float64],
+    limits: Limits,
+    n_threads: int,
+) -> Scale:
+    """Choose the neighbourhood size anew, from fits that leave the other side of a part out.
+
+    As in :func:`choose_scale` a fit is compared with the one two sizes further up, now in the
+    normal and in the height of the surface: on a tube the normals of ever larger fits agree, by
+    symmetry, while their heights drift. Wrong normals no longer agree beyond the size of a thin
+    part, so that the smallest difference of all sizes counts, not the first one.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        Distinct points.
+    tree : KdTree
+        Over `points`.
+    scale : Scale
+        The first choice.
+    sides : (n, 3) float64
+        Unit normals of the points.
+    limits, n_threads
+        As in :func:`choose_scale`.
+
+    Returns
+    -------
+    Scale
+        At the same pilots, noise and spacing as before.
+    """
+    sizes = sizes_to_try(len(points), limits.max_nn)
+    places = scale.places
+    nearest = tree.query(places, 1, np.inf, n_threads)[1][:, 0]
+    facing = sides_around(places, sides[nearest], sides, tree, n_threads)
+    fits = [
+        fit_quadrics(
+            tree,
+            points,
+            sides,
+            Neighborhoods(places, facing, np.full(len(places), size), scale.noise),
+            n_threads,
+        )
+        for size in sizes
+    ]
+    normals = np.stack([fit.normals for fit in fits], axis=1)
+    radius = np.stack([fit.radius for fit in fits], axis=1)
+    feet = np.stack([fit.feet for fit in fits], axis=1)
+    height = np.einsum("psd,pd->ps", feet - places[:, None], facing)
+    unit = radius[:, min(REFERENCE, len(sizes) - 1), None]
+    cosine = np.einsum("psd,psd->ps", normals[:, :-2], normals[:, 2:])
+    angle = np.arccos(np.clip(cosine, -1.0, 1.0))
+    difference = angle + HEIGHTS * np.abs(height[:, :-2] - height[:, 2:]) / unit
+    region = scale.tree.query(places, min(REGION, len(places)), np.inf, n_threads)[1]
+    same = np.einsum("pkd,pd->pk", facing[region], facing) > 0.0
+    regional = np.einsum("pk,pks->ps", same, difference[region]) / same.sum(axis=1)[:, None]
+    chosen = (regional + 0.25 * difference.mean(axis=0)).argmin(axis=1)
+    chosen = np.maximum(chosen, np.searchsorted(sizes, scale.least))
+    chosen = limit_radius(np.minimum(chosen, len(sizes) - 1), radius, limits.radius)
+    first = np.searchsorted(sizes, scale.n_neighbors)
+    return replace(scale, n_neighbors=sizes[(first + chosen + 1) // 2])
