@@ -1,8 +1,9 @@
-"""What becomes of real scans with automatic settings: ``python scans.py FILE ...``.
+"""What becomes of scans with automatic settings: ``python scans.py FILE ...``.
 
-Prints a table of time, memory, the mesh, and how far the points that count are from it. Times are
-those of the processor, all cores together, reading apart; memory is that of the process. Open3D's
-and MeshLab's reconstructions of the same files: ``o3d-sofnn compare --clouds``.
+Draws a sheet to look at (points, our mesh, Open3D's chain of normals, tangent planes and Poisson;
+backs of triangles red, what is far from all points yellow) and prints a table: time, memory, the
+mesh, how far the inliers are from it, and our own check of it. Times are those of the processor,
+all cores together, reading apart; memory is that of the process, ours alone.
 """
 
 from __future__ import annotations
@@ -13,12 +14,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import contact_sheet
 import demo
 import numpy as np
+from contact_sheet import Part
+from PIL import Image
 
 from o3d_sofnn.compare import cases
 from o3d_sofnn.compare.isolated import call, peak_mb
 from o3d_sofnn.compare.measure import distances
+from o3d_sofnn.compare.peers import open3d_poisson
 from o3d_sofnn.geometry import mesh_properties
 from o3d_sofnn.pipeline import reconstruct_surface
 
@@ -36,9 +41,15 @@ COLUMNS = {
     "noise": "noise found",
     "distance": "median distance of the inliers",
     "outliers": "outliers, %",
+    "near": "within a spacing, %",
+    "invented": "invented area, %",
+    "crumbs": "crumbs",
     "closed": "closed",
+    "evidence": "sides by",
 }
 """Of the table; noise and distance are in percent of the diagonal."""
+BYTES = 3_000_000
+"""Of the sheet, at most."""
 
 
 def main() -> int:
@@ -49,15 +60,22 @@ def main() -> int:
     output = args.out.resolve()
     rows: list[dict[str, Any]] = []
     count = QUICK if args.quick else None
+    drawn: list[Image.Image] = []
     jobs = {
-        str(file): partial(_run, file, count, output / "scans.csv", args.timeout, rows)
+        str(file): partial(_run, file, count, output, args.timeout, rows, drawn)
         for file in args.files
     }
-    return demo.work(jobs, output, lambda: print("\n".join(table(rows))))
+
+    def finish() -> None:
+        print("\n".join(table(rows)))
+        if drawn:
+            contact_sheet.save(output / "sheet.png", drawn, BYTES)
+
+    return demo.work(jobs, output, finish)
 
 
-def measure(file: Path, count: int | None) -> dict[str, Any]:
-    """Reconstruct the points of a file.
+def measure(file: Path, count: int | None) -> tuple[dict[str, Any], Image.Image]:
+    """Reconstruct the points of a file, and draw what came out.
 
     Parameters
     ----------
@@ -68,8 +86,10 @@ def measure(file: Path, count: int | None) -> dict[str, Any]:
 
     Returns
     -------
-    dict
+    row : dict
         Keys ``COLUMNS``.
+    picture : PIL.Image.Image
+        Of the sheet.
     """
     rng = np.random.default_rng(0)
     points = cases.read_points(file)
@@ -82,7 +102,8 @@ def measure(file: Path, count: int | None) -> dict[str, Any]:
     asked = rng.choice(len(inliers), min(ASKED, len(inliers)), replace=False)
     distance = np.median(distances(inliers[asked], found.vertices, found.triangles)[0])
     percent = 100.0 / float(np.linalg.norm(np.ptp(points, axis=0)))
-    return {
+    quality = found.quality
+    row = {
         "file": file.name,
         "points": len(points),
         "seconds": seconds,
@@ -92,8 +113,32 @@ def measure(file: Path, count: int | None) -> dict[str, Any]:
         "noise": percent * found.normals.noise_level,
         "distance": percent * float(distance),
         "outliers": 100.0 * float(found.normals.outliers.mean()),
+        "near": 100.0 * quality.near,
+        "invented": 100.0 * quality.invented,
+        "crumbs": quality.crumbs,
         "closed": "yes" if found.watertight else "no",
+        "evidence": found.normals.evidence.kind,
     }
+    started = time.process_time()
+    peer = open3d_poisson(points)
+    peer_seconds = time.process_time() - started
+    parts = [
+        Part(f"{len(points)} points, noise {row['noise']:.3f} % of the diagonal", points),
+        Part(
+            f"ours, {seconds:.1f} CPU s, {row['triangles']} triangles, "
+            f"{row['near']:.0f} % within a spacing, {row['invented']:.1f} % invented, "
+            f"{row['crumbs']} crumbs",
+            found.vertices,
+            found.triangles,
+        ),
+        Part(
+            f"Open3D's chain, {peer_seconds:.1f} CPU s, {len(peer.triangles)} triangles",
+            peer.vertices,
+            peer.triangles,
+        ),
+    ]
+    views = contact_sheet.views_of(found.normals.normals)
+    return row, contact_sheet.draw_row(file.stem, inliers, found.normals.spacing, views, parts)
 
 
 def table(rows: list[dict[str, Any]]) -> list[str]:
@@ -104,17 +149,26 @@ def table(rows: list[dict[str, Any]]) -> list[str]:
         lines.append(
             f"| {row['file']} | {row['points']} | {row['seconds']:.1f} | {memory} "
             f"| {row['triangles']} | {row['pieces']} | {row['noise']:.4f} | {row['distance']:.4f} "
-            f"| {row['outliers']:.2f} | {row['closed']} |"
+            f"| {row['outliers']:.2f} | {row['near']:.1f} | {row['invented']:.1f} "
+            f"| {row['crumbs']} | {row['closed']} | {row['evidence']} |"
         )
     return lines
 
 
 def _run(
-    file: Path, count: int | None, log: Path, timeout: float, rows: list[dict[str, Any]]
+    file: Path,
+    count: int | None,
+    output: Path,
+    timeout: float,
+    rows: list[dict[str, Any]],
+    drawn: list[Image.Image],
 ) -> None:
-    rows.append(call(measure, file, count, timeout=timeout).get())
-    print(f"  {rows[-1]['triangles']} triangles, {rows[-1]['seconds']:.1f} CPU seconds", flush=True)
-    demo.write_csv(log, rows)
+    row, picture = call(measure, file, count, timeout=timeout).get()
+    rows.append(row)
+    drawn.append(picture)
+    print(f"  {row['triangles']} triangles, {row['seconds']:.1f} CPU seconds", flush=True)
+    demo.write_csv(output / "scans.csv", rows)
+    contact_sheet.save(output / f"{file.stem}.png", [picture])
 
 
 if __name__ == "__main__":
