@@ -94,7 +94,7 @@ ext:
 	cp build/ext/unpacked/o3d_sofnn/_kernels*.so o3d_sofnn/
 
 sanitize: $(VENV)/.test
-	env -u PYTHONPATH $(BIN)/python demos/benchmarks/sanitize.py
+	env -u PYTHONPATH $(BIN)/python demos/benchmarks/fuzz/sanitize.py
 
 clean:
 	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -17,12 +17,11 @@ from pathlib import Path
 from typing import Any
 
 import demo
-import dental_shapes
-import experiments
 import numpy as np
-import paper_charts
-from experiments import Surface
 from numpy.typing import NDArray
+from paper_parts import charts as paper_charts
+from paper_parts import dental_shapes, experiments
+from paper_parts.experiments import Surface
 
 from o3d_sofnn.compare import cases
 from o3d_sofnn.compare.isolated import call

@@ -113,15 +113,21 @@ def _neighbors(triangles: Triangles, n: int) -> tuple[Index, Index]:
     end = triangles[:, [1, 2, 0]].astype(np.int64).ravel()
     keys = np.minimum(start, end) * n + np.maximum(start, end)
     order = np.argsort(keys, kind="stable")
-    differs = np.diff(keys[order]) != 0
-    alone = np.append(True, differs) & np.append(differs, True)
-    border = order[alone]
+    first = _first_of_runs(keys[order])
+    border = order[first & np.append(first[1:], True)[: len(first)]]
     start, end = start[border], end[border]
     single = (np.bincount(start, minlength=n) == 1) & (np.bincount(end, minlength=n) == 1)
     before, after = np.full(n, -1), np.full(n, -1)
     after[start], before[end] = end, start
     before[~single], after[~single] = -1, -1
     return before, after
+
+
+def _first_of_runs(keys: Index) -> NDArray[np.bool_]:
+    """Mark the first one of equal keys that follow each other."""
+    first = np.ones(len(keys), bool)
+    first[1:] = keys[1:] != keys[:-1]
+    return first
 
 
 def _joined(vertices: Array, triangles: Triangles, spacing: Array, n_threads: int) -> Triangles:
@@ -204,7 +210,7 @@ def _keeps_topology(
     """
     edges = triangles[:, [0, 1, 1, 2, 2, 0, 1, 0, 2, 1, 0, 2]].reshape(-1, 2).astype(np.int64)
     pairs = np.sort(edges[:, 0] * n + edges[:, 1])
-    pairs = pairs[np.append(True, np.diff(pairs) != 0)]
+    pairs = pairs[_first_of_runs(pairs)]
     first = np.searchsorted(pairs, candidate * n)
     degree = np.searchsorted(pairs, (candidate + 1) * n) - first
     row = np.repeat(np.arange(len(candidate)), degree)

@@ -65,12 +65,12 @@ def heed_interrupts() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["quickstart", "gallery", "paper", "meshlab", "benchmarks/orientation"]
+    "name", ["quickstart", "gallery", "paper", "meshlab", "benchmarks/accuracy/orientation"]
 )
 def test_ctrl_c_ends_a_demo_quietly(name: str, tmp_path: Path) -> None:
     if sys.platform == "win32":
         pytest.skip("there is no SIGINT to send")
-    folder = [] if name == "benchmarks/orientation" else ["--out", tmp_path / "out"]
+    folder = [] if name == "benchmarks/accuracy/orientation" else ["--out", tmp_path / "out"]
     with subprocess.Popen(
         [sys.executable, DEMOS / f"{name}.py", *folder],
         stdout=subprocess.PIPE,
@@ -187,7 +187,7 @@ def test_compare_demo_takes_inputs_from_the_wheel(run: Run, tmp_path: Path) -> N
 
 def test_traditional_method_interpolates_its_centers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(DEMOS)
-    import traditional
+    from paper_parts import traditional
 
     rng = np.random.default_rng(0)
     centers = 1e3 + rng.normal(size=(200, 3))
@@ -203,7 +203,7 @@ def test_traditional_method_interpolates_its_centers(monkeypatch: pytest.MonkeyP
 
 def test_generated_teeth_lie_on_their_surface(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(DEMOS)
-    import dental_shapes
+    from paper_parts import dental_shapes
 
     for tooth in (dental_shapes.incisor(), dental_shapes.molar()):
         points = tooth.sample(500)

@@ -15,7 +15,7 @@ from o3d_sofnn import pipeline
 
 @pytest.fixture
 def fuzzer(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.syspath_prepend(str(DEMOS / "benchmarks"))
+    monkeypatch.syspath_prepend(str(DEMOS / "benchmarks" / "fuzz"))
     import fuzz_clouds
 
     yield fuzz_clouds
@@ -29,7 +29,7 @@ def run(tmp_path: Path) -> Run:
 
 
 def test_odd_clouds_end_as_promised(run: Run, fuzzer) -> None:
-    done = run("benchmarks/fuzz_clouds", "--first", 20_000, "--calls", 100, "--jobs", 1)
+    done = run("benchmarks/fuzz/fuzz_clouds", "--first", 20_000, "--calls", 100, "--jobs", 1)
     assert done.returncode == 0, done.stdout + done.stderr
     rows = [line.split("|")[1:-1] for line in done.stdout.splitlines() if line.startswith("| ")]
     assert [row[0].strip() for row in rows] == ["cloud", *fuzzer.odd_clouds.KINDS, "all"]

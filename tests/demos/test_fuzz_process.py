@@ -15,7 +15,7 @@ pytest.importorskip("open3d")
 
 @pytest.fixture
 def fuzzer(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.syspath_prepend(str(DEMOS / "benchmarks"))
+    monkeypatch.syspath_prepend(str(DEMOS / "benchmarks" / "fuzz"))
     import fuzz_process
 
     yield fuzz_process

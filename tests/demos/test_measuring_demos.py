@@ -22,20 +22,20 @@ def run(tmp_path: Path) -> Run:
 def test_benchmark_goes_on_where_it_stopped(run: Run, tmp_path: Path) -> None:
     tasks = ["ours_normals", "open3d_normals", "ours_mesh", "ours_mesh_1", "open3d_poisson"]
     arguments = ["--sizes", "3714", "--repeats", "1", "--tasks", *tasks]
-    first = run("benchmarks/bench", *arguments)
+    first = run("benchmarks/speed/bench", *arguments)
     assert first.returncode == 0, first.stderr
     assert "mesh / Open3D Poisson given normals" in first.stdout
     assert "| yes |" in first.stdout  # the same bits with one thread
     log = tmp_path / "build" / "bench" / "bench.jsonl"
     before = log.read_text()
-    again = run("benchmarks/bench", *arguments)
+    again = run("benchmarks/speed/bench", *arguments)
     assert again.returncode == 0, again.stderr
     assert log.read_text() == before
     assert again.stdout == (tmp_path / "build" / "bench" / "bench.md").read_text() + "\n"
 
 
 def test_limits_of_every_stage(run: Run) -> None:
-    result = run("benchmarks/limits", "--points", "3000", "--repeats", "1")
+    result = run("benchmarks/speed/limits", "--points", "3000", "--repeats", "1")
     assert result.returncode == 0, result.stderr
     stages = [line.split("|")[1].strip() for line in result.stdout.splitlines() if "|" in line]
     assert {"cells", "orientation", "surface"} <= set(stages)
@@ -43,7 +43,7 @@ def test_limits_of_every_stage(run: Run) -> None:
 
 def test_sides_prints_both_tables(run: Run, tmp_path: Path) -> None:
     np.savetxt(tmp_path / "sheet.xyz", np.random.default_rng(0).random((800, 3)) * [1.0, 1.0, 0.0])
-    done = run("benchmarks/sides", "sheet.xyz", "-n", 3000, "--scenes", "room", "table")
+    done = run("benchmarks/accuracy/sides", "sheet.xyz", "-n", 3000, "--scenes", "room", "table")
     assert done.returncode == 0, done.stderr
     rows = [line.split("|")[1:-1] for line in done.stdout.splitlines() if line.startswith("| ")]
     assert [row[2].strip() for row in rows[1:5]] == 4 * ["density"]
@@ -53,7 +53,7 @@ def test_sides_prints_both_tables(run: Run, tmp_path: Path) -> None:
 
 
 def test_orientation_prints_both_tables(run: Run) -> None:
-    done = run("benchmarks/orientation", "-n", 1500)
+    done = run("benchmarks/accuracy/orientation", "-n", 1500)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("\n| plate") == 3
     assert "least confident first" in done.stdout
@@ -67,7 +67,9 @@ def ball(tmp_path: Path) -> Path:
 
 
 def test_normals_are_measured_beside_fixed_fits(run: Run, ball: Path) -> None:
-    done = run("benchmarks/normals", ball, "-n", 3000, "--noise", 0, 0.5, "--outliers", 0, 5)
+    done = run(
+        "benchmarks/accuracy/normals", ball, "-n", 3000, "--noise", 0, 0.5, "--outliers", 0, 5
+    )
     assert done.returncode == 0, done.stderr
     rows = [line.split("|")[1:-1] for line in done.stdout.splitlines()[2:]]
     clouds = [row for row in rows if row[0].startswith(" ball")]
@@ -77,7 +79,7 @@ def test_normals_are_measured_beside_fixed_fits(run: Run, ball: Path) -> None:
 
 
 def test_stages_of_normals_are_measured_one_by_one(run: Run, ball: Path) -> None:
-    done = run("benchmarks/normal_stages", ball, "-n", 1500, "--noise", 1, "--pairs", 20)
+    done = run("benchmarks/accuracy/normal_stages", ball, "-n", 1500, "--noise", 1, "--pairs", 20)
     assert done.returncode == 0, done.stderr
     errors = [float(line.split("|")[2]) for line in done.stdout.splitlines() if "| +" in line]
     assert len(errors) == 8
@@ -87,7 +89,16 @@ def test_stages_of_normals_are_measured_one_by_one(run: Run, ball: Path) -> None
 
 def test_flips_are_told_apart_by_thickness(run: Run, ball: Path) -> None:
     done = run(
-        "benchmarks/flips", ball, "-n", 2000, "--noise", 0, 0.5, "--density", "uniform", "patchy"
+        "benchmarks/accuracy/flips",
+        ball,
+        "-n",
+        2000,
+        "--noise",
+        0,
+        0.5,
+        "--density",
+        "uniform",
+        "patchy",
     )
     assert done.returncode == 0, done.stderr
     rows = [line.split("|")[1:-1] for line in done.stdout.splitlines() if "| ball" in line]
@@ -97,7 +108,7 @@ def test_flips_are_told_apart_by_thickness(run: Run, ball: Path) -> None:
 
 
 def test_topology_of_a_ball(run: Run, ball: Path) -> None:
-    done = run("benchmarks/topology", ball, "-n", 2000, "--noise", 0, 1)
+    done = run("benchmarks/accuracy/topology", ball, "-n", 2000, "--noise", 0, 1)
     for line, noise in zip(done.stdout.splitlines()[2:], ["0", "1"], strict=True):
         assert line.startswith(f"| {ball.stem}, {noise} % | 1 | 1 | 0 | 0 | ")
 
@@ -118,7 +129,7 @@ def test_scans_are_measured_and_a_missing_one_loses_only_itself(
 
 
 def test_pieces_and_handles_that_the_truth_does_not_have(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(DEMOS / "benchmarks"))
+    monkeypatch.syspath_prepend(str(DEMOS / "benchmarks" / "accuracy"))
     from flips import Surface
     from topology import wrong_places
 
@@ -136,7 +147,7 @@ def test_pieces_and_handles_that_the_truth_does_not_have(monkeypatch: pytest.Mon
 
 
 def test_rounding_costs_no_more_than_the_step_allows(run: Run) -> None:
-    done = run("benchmarks/quantised", "-n", 1000, "--only", "box")
+    done = run("benchmarks/accuracy/quantised", "-n", 1000, "--only", "box")
     assert done.returncode == 0, done.stderr
     rows = [line.split("|")[1:-1] for line in done.stdout.splitlines()[2:]]
     assert [row[0].strip() for row in rows] == ["box-6"] * 8

@@ -259,7 +259,7 @@ def test_threads_that_read_leave_the_streams_alone(tmp_path, capfd):
 def test_the_fuzzer_of_files_finds_nothing(tmp_path):
     pytest.importorskip("laspy")
     result = run_demo(
-        tmp_path, "benchmarks/fuzz_files", "--files", 135, "--commands", 1, "--seed", 7
+        tmp_path, "benchmarks/fuzz/fuzz_files", "--files", 135, "--commands", 1, "--seed", 7
     )
     assert result.returncode == 0, result.stdout
     rows = [line.strip("| ").split(" | ") for line in result.stdout.splitlines()]

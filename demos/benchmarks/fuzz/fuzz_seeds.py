@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import demos_path  # noqa: F401
 import numpy as np
 from numpy.typing import NDArray
 

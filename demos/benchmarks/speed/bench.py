@@ -19,8 +19,8 @@ import demos_path  # noqa: F401
 import numpy as np
 from bench_table import table
 from bench_tasks import TASKS
-from dental_shapes import molar
 from numpy.typing import NDArray
+from paper_parts.dental_shapes import molar
 
 from o3d_sofnn.compare.isolated import call
 

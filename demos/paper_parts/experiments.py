@@ -76,7 +76,7 @@ def progressive(points: Array, voxel_size: float) -> Surface:
 
 def variational(points: Array, voxel_size: float) -> Surface:
     """Reconstruct with the traditional method; its mesh comes out of the same extraction."""
-    import traditional
+    from paper_parts import traditional
 
     from o3d_sofnn.meshing.extraction import extract
 
@@ -100,7 +100,7 @@ def variational(points: Array, voxel_size: float) -> Surface:
 
 def solution_seconds(points: Array) -> float:
     """Return the time of the traditional fit alone."""
-    import traditional
+    from paper_parts import traditional
 
     return traditional.fit(points).seconds["solution"]
 

@@ -23,7 +23,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import demos_path  # noqa: F401
 import fuzz_seeds
 import numpy as np
 

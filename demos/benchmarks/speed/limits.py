@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 import demos_path  # noqa: F401
 import numpy as np
-from dental_shapes import molar
 from numpy.typing import NDArray
+from paper_parts.dental_shapes import molar
 
 from o3d_sofnn import pipeline
 from o3d_sofnn.implicit.field import NEAREST, PLACES

@@ -5,7 +5,7 @@ Lengths are in spacings: the edge of the square of surface that a point has.
 Every cloud is drawn once and rounded to steps of so many spacings, along all axes, as files with
 few digits are, and along the last one, as depth is. A mesh of the rounded cloud shall have a
 Chamfer distance of at most 1.3 x that of the cloud as drawn plus a third of the step, and as many
-connected components. Usage: ``python demos/benchmarks/quantised.py [FOLDER OF SCANS]``.
+connected components. Usage: ``python demos/benchmarks/accuracy/quantised.py [FOLDER OF SCANS]``.
 """
 
 from __future__ import annotations

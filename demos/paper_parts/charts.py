@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pictures
-from experiments import TOLERANCE, Surface
 from numpy.typing import NDArray
+from paper_parts.experiments import TOLERANCE, Surface
 
 from o3d_sofnn.compare.colors import heat_colors
 from o3d_sofnn.compare.raster import View

@@ -15,7 +15,7 @@ import zipfile
 from pathlib import Path
 from typing import NamedTuple
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 FOLDER = ROOT / "build" / "sanitize"
 ODD = Path(__file__).with_name("fuzz_clouds.py")
 KERNELS = ROOT / "tests" / "native"
