@@ -7,16 +7,17 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
-from o3d_sofnn.geometry.quality import Quality
-from o3d_sofnn.meshing.closing import Closing
-from o3d_sofnn.orientation.evidence import Evidence
-from o3d_sofnn.rules.rule_base import RuleBase
+if TYPE_CHECKING:
+    from o3d_sofnn.geometry.quality import Quality
+    from o3d_sofnn.meshing.borders.closing import Closing
+    from o3d_sofnn.orientation.evidence import Evidence
+    from o3d_sofnn.rules.rule_base import RuleBase
 
 
 @dataclass(frozen=True)

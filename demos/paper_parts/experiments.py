@@ -78,7 +78,7 @@ def variational(points: Array, voxel_size: float) -> Surface:
     """Reconstruct with the traditional method; its mesh comes out of the same extraction."""
     from paper_parts import traditional
 
-    from o3d_sofnn.meshing.extraction import extract
+    from o3d_sofnn.meshing.isosurface.extraction import extract
 
     def run() -> tuple[dict[str, float], Any]:
         started = time.perf_counter()
@@ -114,10 +114,10 @@ def count_offsets(points: Array) -> int:
 
 def sample(file: Path, count: int) -> Array:
     """Return points drawn evenly from the triangles of a mesh file, (count, 3)."""
-    from o3d_sofnn.files import readers
+    from o3d_sofnn.files import reading
     from o3d_sofnn.geometry import mesh_properties
 
-    vertices, triangles = readers.read_triangles(file)
+    vertices, triangles = reading.read_triangles(file)
     if not len(triangles):
         raise ValueError(f"{file}: expected more points, or triangles to draw points from")
     return mesh_properties.sample_surface(vertices, triangles, count)[0]

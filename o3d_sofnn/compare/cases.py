@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from o3d_sofnn import adapters, validation
 from o3d_sofnn.compare.measure import Truth
 from o3d_sofnn.compare.raster import View
-from o3d_sofnn.files import point_files, readers
+from o3d_sofnn.files import point_files, reading
 from o3d_sofnn.geometry import mesh_properties
 
 Array = NDArray[Any]
@@ -143,7 +143,7 @@ def read(file: Path, clouds_only: bool = False) -> Array | Model:
     points = read_points(file)
     if clouds_only or file.suffix.lower() not in MESHES:
         return points
-    vertices, triangles = readers.read_triangles(file)
+    vertices, triangles = reading.read_triangles(file)
     if not mesh_properties.is_closed(triangles):
         return points
     if mesh_properties.signed_volume(vertices, triangles) < 0:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import nearest_triangles
-from o3d_sofnn.compare.peers import Mesh
 from o3d_sofnn.geometry import mesh_properties
 from o3d_sofnn.geometry.vectors import unit
 from o3d_sofnn.validation import thread_count
+
+if TYPE_CHECKING:
+    from o3d_sofnn.compare.peers import Mesh
 
 Array = NDArray[Any]
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn import adapters, operators
+from o3d_sofnn import adapters
 
 Array = NDArray[Any]
 
@@ -69,6 +69,8 @@ class Mesh:
 
 def ours(points: Array) -> Mesh:
     """Run this package with its defaults."""
+    from o3d_sofnn import operators  # the only peer that needs all of the package
+
     mesh, details = operators.reconstruct_surface(_cloud(points), return_details=True)
     return _from_open3d(mesh, details.normals.normals)
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import base64
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn.compare.evaluate import Look
 from o3d_sofnn.compare.measure import FIGURES, show
 from o3d_sofnn.compare.raster import View, typical_spacing
+
+if TYPE_CHECKING:
+    from o3d_sofnn.compare.evaluate import Look
 
 Array = NDArray[Any]
 Row = dict[str, Any]

@@ -11,15 +11,17 @@ import io
 import logging
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
-from o3d_sofnn.adapters import CloudArrays
 from o3d_sofnn.files import child, columns, las_layout
 from o3d_sofnn.files.columns import Array, PointFile
 from o3d_sofnn.files.regular import open_regular, read_records
 from o3d_sofnn.files.writers import color_levels
+
+if TYPE_CHECKING:
+    from o3d_sofnn.adapters import CloudArrays
 
 FORMATS = frozenset({".las", ".laz"})
 

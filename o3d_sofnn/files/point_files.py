@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn import adapters
-from o3d_sofnn.files import las, readers, writers
+from o3d_sofnn.files import las, reading, writers
 from o3d_sofnn.files.columns import PointFile as PointFile
 from o3d_sofnn.files.outputs import check_different as check_different
 from o3d_sofnn.files.outputs import check_ending
@@ -22,7 +22,7 @@ from o3d_sofnn.files.outputs import open_atomic as open_atomic
 _logger = logging.getLogger(__name__)
 
 
-CLOUD_INPUTS = readers.FORMATS
+CLOUD_INPUTS = reading.FORMATS
 
 
 CLOUD_OUTPUTS = frozenset(writers.CLOUD_WRITERS) | las.FORMATS
@@ -59,7 +59,7 @@ def read_points(path: str | os.PathLike[str]) -> PointFile:
     """
     path = Path(path)
     check_ending(path, CLOUD_INPUTS)
-    return readers.read(path)
+    return reading.read(path)
 
 
 def read_point_cloud(path: str | os.PathLike[str]) -> Any:

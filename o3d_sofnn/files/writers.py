@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Callable
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn.adapters import CloudArrays
+if TYPE_CHECKING:
+    from o3d_sofnn.adapters import CloudArrays
+
 
 _PLY_TYPES = {
     "i1": "char",

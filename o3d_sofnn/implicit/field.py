@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +11,11 @@ from numpy.typing import NDArray
 from o3d_sofnn import _kernels
 from o3d_sofnn.geometry.checks import check_stage
 from o3d_sofnn.geometry.neighbors import neighborhood_areas
-from o3d_sofnn.implicit.units import LocalSurfaces
 from o3d_sofnn.orientation.winding_normals import OPENING
 from o3d_sofnn.rules.rule_base import RuleBase
+
+if TYPE_CHECKING:
+    from o3d_sofnn.implicit.units import LocalSurfaces
 
 REACH = (0.75, 1.5)
 """Distance from the data, over the spacing, up to which the local implicits speak alone, and from

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn.implicit.field import Field
-from o3d_sofnn.meshing.closing import EDGE, Closing, Judge
+from o3d_sofnn.meshing.borders.closing import EDGE, Closing, Judge
+from o3d_sofnn.meshing.borders.rims import tidy
+from o3d_sofnn.meshing.borders.trimming import cut, drop_strays, smoothed
 from o3d_sofnn.meshing.decimation import decimate
-from o3d_sofnn.meshing.extraction import extract
-from o3d_sofnn.meshing.handles import open_handles
-from o3d_sofnn.meshing.relaxation import balance_chords, relax
-from o3d_sofnn.meshing.rims import tidy
-from o3d_sofnn.meshing.sharpening import sharpen
-from o3d_sofnn.meshing.trimming import cut, drop_strays, smoothed
-from o3d_sofnn.meshing.untangling import untangle
+from o3d_sofnn.meshing.isosurface.extraction import extract
+from o3d_sofnn.meshing.repair.handles import open_handles
+from o3d_sofnn.meshing.repair.relaxation import balance_chords, relax
+from o3d_sofnn.meshing.repair.sharpening import sharpen
+from o3d_sofnn.meshing.repair.untangling import untangle
+
+if TYPE_CHECKING:
+    from o3d_sofnn.implicit.field import Field
 
 FAR = 2.0 * EDGE - 0.45
 """Distance beyond the data, over the spacing, from which on it does not matter how far: averaging

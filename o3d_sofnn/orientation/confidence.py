@@ -20,6 +20,10 @@ SHEET = 9
 """Rules from which on a piece may be a sheet: what the winding number of fewer says is chance."""
 
 
+CLOSED = 0.82
+"""Share of a piece with nothing in front of it from which on it counts as closed."""
+
+
 def certainty(rules: RuleBase, settled: bool, n_threads: int) -> NDArray[np.float64]:
     """How far the winding number falls from one spacing behind each rule to one in front of it.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,9 @@ from o3d_sofnn.geometry.vectors import unit
 from o3d_sofnn.orientation.lattice import is_depth_image
 from o3d_sofnn.orientation.station import Found, find_stations
 from o3d_sofnn.orientation.visibility import Rows, Several, Sight, Station, hidden
-from o3d_sofnn.sampling.outliers import Samples
+
+if TYPE_CHECKING:
+    from o3d_sofnn.sampling.outliers import Samples
 
 Array = NDArray[np.float64]
 

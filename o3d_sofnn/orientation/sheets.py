@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.geometry.frame import Frame
 from o3d_sofnn.orientation.components import pieces, turn_along
-from o3d_sofnn.orientation.confidence import SHEET, empty_in_front, undecided, winding_before
+from o3d_sofnn.orientation.confidence import (
+    CLOSED,
+    SHEET,
+    empty_in_front,
+    undecided,
+    winding_before,
+)
 from o3d_sofnn.orientation.evidence import Evidence
 from o3d_sofnn.orientation.one_side import View, common_view
 from o3d_sofnn.orientation.viewpoint import SURE, seen_sides
@@ -21,10 +27,6 @@ from o3d_sofnn.rules.rule_base import RuleBase
 
 ALIKE = 0.7
 """Least cosine between the planes of neighbouring rules that hand on a sign."""
-
-
-CLOSED = 0.82
-"""Share of a piece with nothing in front of it from which on it counts as closed."""
 
 
 NOISY = (5.0, 0.05, 0.02)

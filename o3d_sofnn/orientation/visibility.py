@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +12,15 @@ from o3d_sofnn._kernels import KdTree, fit_scales
 from o3d_sofnn.geometry.frame import Frame
 from o3d_sofnn.geometry.vectors import even_directions, unit
 from o3d_sofnn.sampling.local_fit import spacing_of
-from o3d_sofnn.sampling.outliers import Samples
+
+if TYPE_CHECKING:
+    from o3d_sofnn.sampling.outliers import Samples
 
 Array = NDArray[np.float64]
 
 
 DISCS = 6000
-"""Discs that stand for the surface where views are compared: fewer blur what hides what, more cost
-time. Enough to tell 19 scans from 45 closed shapes."""
+"""Discs that stand for the surface where views are compared: fewer blur what hides what."""
 
 
 SIZES = np.array([27, 60, 135], np.int64)
@@ -37,8 +38,7 @@ surface on both sides."""
 
 
 GAP = 2.5
-"""Depth over the spacing of the discs from which on one hides the other: the rest is one layer,
-curved or noisy."""
+"""Depth, in spacings of the discs, that parts what hides from one curved or noisy layer."""
 
 
 @dataclass(frozen=True)

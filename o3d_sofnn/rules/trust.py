@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn.rules.rule_base import RuleBase
-from o3d_sofnn.sofnn.estimator import SOFNN
+from o3d_sofnn.sofnn.neurons import Neurons
 from o3d_sofnn.sofnn.rule_file import read_rules
 
 Array = NDArray[np.float64]
@@ -46,25 +46,25 @@ overlap are not independent."""
 class Experience:
     """A network from the inputs above to the logarithm of the squared error of a rule's normal.
 
-    The network is the paper's own (:class:`SOFNN`), with linear consequents and few enough rules to
-    be read. The membership of a place in a rule of the cloud is divided by the error that the
-    network expects of it.
+    The network is the paper's own (:class:`o3d_sofnn.SOFNN`), with linear consequents and few
+    enough rules to be read. The membership of a place in a rule of the cloud is divided by the
+    error that the network expects of it.
 
     Attributes
     ----------
-    network : SOFNN
-        Fitted, at most 8 rules.
+    network : Neurons
+        At most 8 rules with one output.
     """
 
-    network: SOFNN
+    network: Neurons
 
     @property
     def neurons(self) -> Array:
         """Part of the network that belongs to places, (m, 3, 3), as the native kernels take it."""
         places = slice(OF_RULE, None)
         parts = (
-            self.network.centers_[:, places],
-            1.0 / self.network.widths_[:, places],
+            self.network.centers[:, places],
+            1.0 / self.network.widths[:, places],
             -EMPHASIS * self._slopes[:, places],
         )
         return np.ascontiguousarray(np.stack(parts, axis=1))
@@ -72,17 +72,16 @@ class Experience:
     def gates(self, rules: RuleBase) -> Array:
         """Part that belongs to the rules of a cloud, (r, m, 2), as the native kernels take it."""
         own = slice(None, OF_RULE)
-        offset = rule_inputs(rules)[:, None] - self.network.centers_[:, own]
-        firing = -0.5 * ((offset / self.network.widths_[:, own]) ** 2).sum(axis=2)  # Eq. (11)
-        said = self.network.theta_[0] + (offset * self._slopes[:, own]).sum(axis=2)
+        offset = rule_inputs(rules)[:, None] - self.network.centers[:, own]
+        firing = -0.5 * ((offset / self.network.widths[:, own]) ** 2).sum(axis=2)  # Eq. (11)
+        said = self.network.coefficients[0, :, 0] + (offset * self._slopes[:, own]).sum(axis=2)
         return np.ascontiguousarray(np.stack([firing, -EMPHASIS * said], axis=2))
 
     @property
     def _slopes(self) -> Array:
-        slopes = self.network.slopes_
-        if slopes is None:
-            return np.zeros_like(self.network.centers_)
-        return np.asarray(slopes[0])
+        if len(self.network.coefficients) == 1:
+            return np.zeros_like(self.network.centers)
+        return np.asarray(self.network.coefficients[1:, :, 0].T / self.network.widths)
 
 
 def rule_inputs(rules: RuleBase) -> Array:

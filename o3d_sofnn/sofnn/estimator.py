@@ -170,10 +170,11 @@ class SOFNN(Regressor):
         self._check_fitted()
         return firing_strength(self._check_inputs(X, first=False), self._neurons)
 
-    def restore(self, centers: Array, widths: Array, coefficients: Array) -> SOFNN:
-        """Take rules of one output as they were learned elsewhere: (M, d), (M, d), (p, M, 1)."""
-        self.n_features_in_, self.n_outputs_, self._flat = centers.shape[1], 1, True
-        self._neurons = Neurons(centers, widths, coefficients)
+    def restore(self, neurons: Neurons) -> SOFNN:
+        """Take rules of one output as they were learned elsewhere."""
+        self.n_features_in_, self.n_outputs_, self._flat = neurons.centers.shape[1], 1, True
+        self.consequent = "constant" if len(neurons.coefficients) == 1 else "linear"
+        self._neurons = neurons
         return self
 
     @property

@@ -9,7 +9,7 @@ import numpy as np
 from o3d_sofnn.sofnn.adjustment import adjust, description_length, solve_consequents
 from o3d_sofnn.sofnn.fuzzy_c_means import fuzzy_c_means, partition_memberships
 from o3d_sofnn.sofnn.neurons import Array, Neurons
-from o3d_sofnn.sofnn.structure import combine, grow
+from o3d_sofnn.sofnn.structure import Criteria, combine, grow
 
 # Rows the parameters are adjusted on, and rows per typical datum that fuzzy c-means sees: more
 # cost time in proportion and change the rules by less than their tolerance.
@@ -211,16 +211,8 @@ def learn(
     while len(neurons) < most:
         last = boundary <= options.boundary
         boundary = max(boundary, options.boundary)
-        grown = grow(
-            neurons,
-            (typical.x, typical.y),
-            tolerance,
-            boundary,
-            options.overlap,
-            most,
-            samples,
-            noise,
-        )
+        criteria = Criteria(tolerance, boundary, options.overlap, most)
+        grown = grow(neurons, (typical.x, typical.y), criteria, samples, noise)
         shorter = False
         if len(grown) > len(neurons):
             neurons = refine(grown, samples, noise, options, _LEVEL_ITERATIONS)

@@ -5,10 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from o3d_sofnn.sofnn.estimator import SOFNN
+from o3d_sofnn.sofnn.neurons import Neurons
+
+if TYPE_CHECKING:
+    from o3d_sofnn.sofnn.estimator import SOFNN
 
 DIGITS = 6
 """Digits kept of every number."""
@@ -47,8 +51,8 @@ def write_rules(network: SOFNN, file: Path, about: dict[str, object]) -> None:
     file.write_text(json.dumps(text, indent=1) + "\n", encoding="utf-8")
 
 
-def read_rules(file: Path, inputs: Sequence[str]) -> SOFNN:
-    """Read a network that :func:`write_rules` wrote.
+def read_rules(file: Path, inputs: Sequence[str]) -> Neurons:
+    """Read the rules of a network that :func:`write_rules` wrote.
 
     Parameters
     ----------
@@ -59,8 +63,8 @@ def read_rules(file: Path, inputs: Sequence[str]) -> SOFNN:
 
     Returns
     -------
-    SOFNN
-        Predicts, and learns on from there with `partial_fit`.
+    Neurons
+        For :meth:`SOFNN.restore`, or to be read as they are.
 
     Raises
     ------
@@ -80,9 +84,7 @@ def read_rules(file: Path, inputs: Sequence[str]) -> SOFNN:
     if list(names) != list(inputs):
         raise ValueError(f"{file}: expected rules for {list(inputs)}, got {names}")
     terms = [value, *(np.array(slopes) * widths).T] if linear else [value]
-    coefficients = np.stack(terms)[:, :, None]
-    network = SOFNN(consequent="linear" if linear else "constant")
-    return network.restore(centers, widths, coefficients)
+    return Neurons(centers, widths, np.stack(terms)[:, :, None])
 
 
 def _short(number: float) -> float:

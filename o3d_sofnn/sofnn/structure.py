@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from o3d_sofnn.sofnn.adjustment import description_length, solve_consequents
@@ -31,13 +33,31 @@ def generate(neurons: Neurons, x: Array, y: Array, d_min: float, overlap: float)
     )
 
 
+class Criteria(NamedTuple):
+    """When a neuron is generated, eq. (10).
+
+    Attributes
+    ----------
+    tolerance : (c,) array
+        Largest system error accepted at each typical datum.
+    boundary : float
+        Accommodation boundary: no neuron is generated closer than this to another one.
+    overlap : float
+        Width of a new neuron divided by its distance to the nearest one, `k` of equation (10).
+    max_rules : int
+        Largest number of neurons.
+    """
+
+    tolerance: Array
+    boundary: float
+    overlap: float
+    max_rules: int
+
+
 def grow(
     neurons: Neurons,
     typical: tuple[Array, Array],
-    tolerance: Array,
-    boundary: float,
-    overlap: float,
-    max_rules: int,
+    criteria: Criteria,
     samples: tuple[Array, Array],
     noise: float,
 ) -> Neurons:
@@ -49,14 +69,8 @@ def grow(
         The rules so far, at least one.
     typical : pair of (c, d) and (c, m) arrays
         Typical data, inputs and outputs.
-    tolerance : (c,) array
-        Largest system error accepted at each typical datum.
-    boundary : float
-        Accommodation boundary: no neuron is generated closer than this to another one.
-    overlap : float
-        Width of a new neuron over its distance to the nearest one, `k` of equation (10).
-    max_rules : int
-        Largest number of neurons.
+    criteria : Criteria
+        When a neuron is generated.
     samples : pair of (n, d) and (n, m) arrays
         Standardised data the consequents are fitted to after each generation.
     noise : float
@@ -68,14 +82,14 @@ def grow(
         The given neurons followed by the generated ones.
     """
     x, y = typical
-    while len(neurons) < max_rules:
+    while len(neurons) < criteria.max_rules:
         error = np.linalg.norm(infer(x, neurons) - y, axis=1)
         d_min = nearest_distance(x, neurons.centers)
-        excess = np.where(d_min > boundary, error - tolerance, -1.0)
+        excess = np.where(d_min > criteria.boundary, error - criteria.tolerance, -1.0)
         worst = int(excess.argmax())
         if excess[worst] <= 0.0:
             break
-        neurons = generate(neurons, x[worst], y[worst], float(d_min[worst]), overlap)
+        neurons = generate(neurons, x[worst], y[worst], float(d_min[worst]), criteria.overlap)
         neurons = solve_consequents(neurons, *samples, noise)
     return neurons
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from o3d_sofnn.rules.trust import INPUTS, SHIPPED
 from o3d_sofnn.sofnn.rule_file import write_rules
-from o3d_sofnn.training.learning import clouds, learn
 
 ABOUT: dict[str, object] = {
     "about": "how wrong the normal of a rule is at a place: y is log(squared angle)",
@@ -25,6 +24,8 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5, help="clouds of each shape")
     parser.add_argument("--trials", type=int, default=16, help="networks of which the best is kept")
     options = parser.parse_args()
+    from o3d_sofnn.training.learning import clouds, learn  # after --help
+
     network, gain = learn(list(clouds(options.rounds)), options.trials)
     network.feature_names_in_ = np.array(INPUTS, dtype=object)
     write_rules(network, options.out, {**ABOUT, "error over that without": round(gain, 4)})

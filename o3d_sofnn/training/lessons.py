@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree
+from o3d_sofnn.algorithm1 import learn_rules
 from o3d_sofnn.options import Options
-from o3d_sofnn.pipeline import learn_rules
 from o3d_sofnn.progress import Clock
 from o3d_sofnn.reference.rules.inference import log_memberships
 from o3d_sofnn.reference.rules.rules import Rules

@@ -9,7 +9,7 @@ import struct
 import numpy as np
 import pytest
 
-from o3d_sofnn.files import point_files, readers
+from o3d_sofnn.files import point_files, reading
 
 UTM = np.array([5e5, 4.9e6, 100.0])
 POINTS = UTM + np.random.default_rng(0).uniform(0.0, 0.01, (30, 3)).round(6)
@@ -69,7 +69,7 @@ def test_obj_faces_and_statements(tmp_path):
     text += "f 1 2 3\nf 4/1 5/1 6/1 7/1\nf -3 -2 -1\nf 1 2 \\\n 4\n"
     path = write(tmp_path, "a.obj", text)
     assert point_files.read_points(path).notes == ()
-    points, triangles = readers.read_triangles(path)
+    points, triangles = reading.read_triangles(path)
     assert np.array_equal(points, POINTS)
     expected = [[0, 1, 2], [3, 4, 5], [3, 5, 6], [27, 28, 29], [0, 1, 3]]
     assert triangles.tolist() == expected
@@ -79,7 +79,7 @@ def test_obj_faces_and_statements(tmp_path):
     )
     for face in ("f 1 2 31", "f 0 1 2", "f 1 2 x", "f 1 2 -99"):
         with pytest.raises(ValueError, match=r"c\.obj: "):
-            readers.read_triangles(write(tmp_path, "c.obj", text + face + "\n"))
+            reading.read_triangles(write(tmp_path, "c.obj", text + face + "\n"))
 
 
 @pytest.mark.parametrize("ending", [".obj", ".off", ".stl", ".ply", ".glb"])
@@ -89,7 +89,7 @@ def test_the_triangles_are_those_that_open3d_wrote(tmp_path, ending):
     mesh.compute_vertex_normals()
     path = tmp_path / f"a{ending}"
     assert o3d.io.write_triangle_mesh(str(path), mesh)
-    points, triangles = readers.read_triangles(path)
+    points, triangles = reading.read_triangles(path)
     corners = np.asarray(mesh.vertices)[np.asarray(mesh.triangles)]
     assert np.allclose(points[triangles], corners, atol=1e-5)
     assert len(points) == len(mesh.vertices)
@@ -100,7 +100,7 @@ def test_stl_as_text(tmp_path):
     facet = "facet normal 0 0 1\n outer loop\n  vertex 0 0 0\n  vertex {} 0 0\n  vertex 0 1 0\n"
     facet += " endloop\nendfacet\n"
     whole = "solid a\n" + facet.format(1) + facet.format(500000.125) + "endsolid a\n"
-    points, triangles = readers.read_triangles(write(tmp_path, "a.stl", whole))
+    points, triangles = reading.read_triangles(write(tmp_path, "a.stl", whole))
     assert points.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [500000.125, 0, 0]]
     assert triangles.tolist() == [[0, 1, 2], [0, 3, 2]]
     for bad in (
@@ -139,7 +139,7 @@ Connections:  {
 
 def test_fbx_through_open3d(tmp_path):
     pytest.importorskip("open3d")
-    points, triangles = readers.read_triangles(write(tmp_path, "a.fbx", FBX))
+    points, triangles = reading.read_triangles(write(tmp_path, "a.fbx", FBX))
     assert sorted(points.tolist()) == [[0, 0, 0], [0, 0, 1], [0, 1, 0], [1, 0, 0]]
     expected = {(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)}
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -216,7 +216,7 @@ def test_gltf_strips_and_fans(tmp_path):
     ):
         primitive = {"attributes": {"POSITION": 0}, "mode": mode}
         contents = gltf([(points, {})], [{"mesh": 0}], primitive)
-        _, triangles = readers.read_triangles(write(tmp_path, "a.gltf", json.dumps(contents)))
+        _, triangles = reading.read_triangles(write(tmp_path, "a.gltf", json.dumps(contents)))
         assert triangles.tolist() == expected
 
 

@@ -8,7 +8,7 @@ import struct
 import numpy as np
 import pytest
 
-from o3d_sofnn.files import point_files, readers
+from o3d_sofnn.files import point_files, reading
 
 N = 50
 RNG = np.random.default_rng(0)
@@ -96,7 +96,7 @@ def test_ply_with_faces_before_and_lists_in_the_points(tmp_path):
     header, _, rows = body.partition(b"end_header\n")
     file = read(tmp_path, head + header + b"end_header\n" + faces + rows, "a.ply")
     assert np.array_equal(file.points, POINTS)
-    _, triangles = readers.read_triangles(tmp_path / "a.ply")
+    _, triangles = reading.read_triangles(tmp_path / "a.ply")
     assert triangles.tolist() == [[0, 1, 2], [3, 4, 5], [3, 5, 6]]
 
     header = header.replace(b"float z\n", b"float z\nproperty list uchar short seen\n")

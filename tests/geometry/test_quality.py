@@ -9,7 +9,7 @@ import pytest
 from shapes import sphere
 
 from o3d_sofnn.geometry.quality import ASKED, Inliers, assess
-from o3d_sofnn.meshing.extraction import extract
+from o3d_sofnn.meshing.isosurface.extraction import extract
 from o3d_sofnn.pipeline import reconstruct_surface
 
 

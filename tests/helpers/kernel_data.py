@@ -6,7 +6,7 @@ import numpy as np
 from shapes import torus
 
 from o3d_sofnn import _kernels, reference
-from o3d_sofnn.meshing.extraction import extract
+from o3d_sofnn.meshing.isosurface.extraction import extract
 from o3d_sofnn.reference.sampling.local_fit import frame_of
 
 MIRROR = np.array([-1.0, -1.0, 1.0, -1.0, 1.0, -1.0])

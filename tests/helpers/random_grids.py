@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from o3d_sofnn import reference
-from o3d_sofnn.meshing.grid import AdaptiveGrid
+from o3d_sofnn.meshing.isosurface.grid import AdaptiveGrid
 from o3d_sofnn.reference.meshing.grid import contains, distinct
 
 

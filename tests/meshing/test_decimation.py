@@ -10,9 +10,9 @@ from shapes import plane_patch, sphere, torus
 import o3d_sofnn
 from o3d_sofnn import _kernels, adapters, reference
 from o3d_sofnn.geometry import mesh_properties
+from o3d_sofnn.meshing.borders.trimming import cut
 from o3d_sofnn.meshing.decimation import decimate, unmet
-from o3d_sofnn.meshing.extraction import extract
-from o3d_sofnn.meshing.trimming import cut
+from o3d_sofnn.meshing.isosurface.extraction import extract
 from o3d_sofnn.pipeline import reconstruct_surface
 
 

@@ -8,7 +8,7 @@ from mesh_checks import meshlab_intersections
 from shapes import sphere
 
 from o3d_sofnn import _kernels, reference
-from o3d_sofnn.meshing.extraction import extract
+from o3d_sofnn.meshing.isosurface.extraction import extract
 
 
 def pairs(vertices, triangles, suspect=None, n_threads=1):

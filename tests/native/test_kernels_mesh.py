@@ -8,8 +8,8 @@ from kernel_data import mesh
 from random_grids import random_grid
 
 from o3d_sofnn import _kernels, reference
-from o3d_sofnn.meshing.grid import AdaptiveGrid
-from o3d_sofnn.meshing.marching_cubes import EDGE_ENDS, NUDGES, both_tables
+from o3d_sofnn.meshing.isosurface.grid import AdaptiveGrid
+from o3d_sofnn.meshing.isosurface.marching_cubes import EDGE_ENDS, NUDGES, both_tables
 
 
 @pytest.mark.parametrize("seed", range(4))

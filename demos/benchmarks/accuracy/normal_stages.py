@@ -30,6 +30,7 @@ from o3d_sofnn.sampling.local_fit import Neighborhoods
 from o3d_sofnn.sampling.scales.choice import Limits, choose_scale
 from o3d_sofnn.sampling.scales.refinement import refine_scale
 from o3d_sofnn.sampling.typical_data import typical_data
+from o3d_sofnn.sofnn.estimator import SOFNN
 from o3d_sofnn.training.lessons import draw_pairs, lessons
 
 Array = NDArray[np.float64]
@@ -128,7 +129,7 @@ def networks(cloud: Cloud, pairs: int) -> list[float]:
     normal inferred there, or from the true one, which nobody has.
     """
     found = lessons(cloud.points, cloud.normals, 2000, -1)
-    network = shipped().network
+    network = SOFNN().restore(shipped().network)
 
     def trust(some: object) -> Array:
         said = some.predict(found.inputs.reshape(-1, len(INPUTS)))  # type: ignore[attr-defined]

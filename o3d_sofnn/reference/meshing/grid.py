@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn.meshing.grid import BITS, FIELD, unpack
-from o3d_sofnn.meshing.marching_cubes import CORNERS
+from o3d_sofnn.meshing.isosurface.grid import BITS, FIELD, unpack
+from o3d_sofnn.meshing.isosurface.marching_cubes import CORNERS
 
 Keys = NDArray[np.int64]
 

@@ -1,0 +1,235 @@
+"""Algorithm 1 with section 3: oriented rules are learned from points, and normals inferred."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from o3d_sofnn._kernels import KdTree
+from o3d_sofnn.geometry.checks import check_stage
+from o3d_sofnn.options import Options
+from o3d_sofnn.orientation.confidence import certainty
+from o3d_sofnn.orientation.evidence import Evidence, found, told
+from o3d_sofnn.orientation.sheets import settle
+from o3d_sofnn.orientation.viewpoint import find_sides, leaned
+from o3d_sofnn.progress import Clock
+from o3d_sofnn.results import NormalEstimate
+from o3d_sofnn.rules.growth import grow
+from o3d_sofnn.rules.inference import infer_normals
+from o3d_sofnn.rules.off_surface import beside_surface
+from o3d_sofnn.rules.rule_base import RuleBase, fit_rules
+from o3d_sofnn.rules.trust import Experience
+from o3d_sofnn.sampling.local_fit import Neighborhoods
+from o3d_sofnn.sampling.normalization import Cloud, unit_cube
+from o3d_sofnn.sampling.outliers import MANY, Samples, part_outliers
+from o3d_sofnn.sampling.quantization import Steps, spread_rounded
+from o3d_sofnn.sampling.scales.choice import Limits
+from o3d_sofnn.sampling.scales.refinement import refine_scale
+from o3d_sofnn.sampling.sight import between
+from o3d_sofnn.sampling.suitability import unsuitable
+from o3d_sofnn.sampling.typical_data import typical_data
+from o3d_sofnn.validation import thread_count
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What both operators need: oriented rules, and what they were learned from.
+
+    Attributes
+    ----------
+    cloud : Cloud
+        Distinct points; all that follows is in their unit.
+    steps : Steps
+        To which their coordinates were rounded.
+    hanging : (d,) bool
+        Outliers between things, as seen from the viewpoint.
+    samples : Samples
+        The m of them that are no outliers.
+    sides : (m, 3) float64
+        Unit normals of the samples, as the winding number or the caller has them.
+    rules : RuleBase
+        Oriented rules.
+    evidence : Evidence
+        What the sides were decided by.
+    experience : Experience or None
+        Off-line rules.
+    """
+
+    cloud: Cloud
+    steps: Steps
+    hanging: NDArray[np.bool_]
+    samples: Samples
+    sides: Array
+    rules: RuleBase
+    evidence: Evidence
+    experience: Experience | None
+
+
+def learn_rules(
+    points: Array,
+    options: Options,
+    clock: Clock,
+    *,
+    normals: Array | None = None,
+    experience: Experience | None = None,
+    enclosing: bool = False,
+) -> Learned:
+    """Learn oriented rules from points.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        Finite, in any unit.
+    options : Options
+        What the user has chosen.
+    clock : Clock
+        Told the stages.
+    normals : (n, 3) float64, optional
+        Known normals.
+    experience : Experience, optional
+        Off-line rules.
+    enclosing : bool, default False
+        Whether the surface shall enclose something: points in one plane are an error.
+
+    Returns
+    -------
+    Learned
+
+    Raises
+    ------
+    ValueError
+        Fewer than 4 distinct points, or they are all equal or on one line.
+    """
+    threads = thread_count(options.n_threads)
+    with clock.stage("cells"):  # Algorithm 1, steps 1 and 2
+        cloud, steps = spread_rounded(unit_cube(points, enclosing), threads)
+    limits = _limits(options, cloud.extent)
+    with clock.stage("scale"):  # Algorithm 1, steps 3 to 6
+        viewpoint = _inside(options.viewpoint, cloud)
+        far = None if viewpoint is None else np.linalg.norm(cloud.points - viewpoint, axis=1)
+        samples = part_outliers(cloud.points, limits, threads, cloud.near, distance=far)
+        samples = steps.floored(samples, threads)
+    with clock.stage("orientation"):
+        evidence = told(normals, options.viewpoint, options.towards)
+        evidence = evidence or found(points, samples, cloud.frame, threads)
+        viewpoint = None if evidence is None else _inside(evidence.viewpoint, cloud)
+        hanging = between(cloud.points, viewpoint, samples.scale, threads)
+        if hanging.any():
+            samples = samples.without(hanging[samples.kept], limits, threads)
+            samples = steps.floored(samples, threads)
+        seen = None if evidence is None else evidence.directions(points)
+        rows = cloud.first[samples.kept]
+        known, seen = (None if x is None else x[rows] for x in (normals, seen))
+        if seen is not None:
+            samples = steps.floored(samples.seen(seen, limits, threads), threads)
+        sides = find_sides(samples, known, seen, threads)
+        check_stage("orientation", sides=sides)
+    rules, samples = _fitted(samples, sides, limits, clock, threads)
+    if evidence is None or not evidence.sure:
+        with clock.stage("orientation"):
+            rules, sides, evidence = settle(
+                rules, sides, samples.points, evidence, cloud.frame, threads
+            )
+    # Many outliers have disturbed the scale and the rules around them: both are found once more.
+    many = (~samples.kept).mean() > MANY
+    if many:
+        with clock.stage("outliers"):  # Algorithm 1, step 5, asked of the rules
+            off = beside_surface(rules, samples, sides, experience, threads)
+            samples, sides = samples.without(off, limits, threads), sides[~off]
+            samples = steps.floored(samples, threads)
+        rules, samples = _fitted(samples, sides, limits, clock, threads)
+    with clock.stage("growth"):  # section 3.2
+        rules = grow(rules, samples, sides, limits, experience, threads)
+        check_stage("growth", **vars(rules))
+    with clock.stage("orientation"):
+        rules = replace(rules, confidence=certainty(rules, evidence.decided, threads))
+    if many:
+        with clock.stage("outliers"):
+            off = beside_surface(rules, samples, sides, experience, threads)
+            samples, sides = samples.parted(off, threads), sides[~off]
+    return Learned(cloud, steps, hanging, samples, sides, rules, evidence, experience)
+
+
+def infer(learned: Learned, options: Options, clock: Clock) -> tuple[NormalEstimate, Array, Array]:
+    """Infer a normal at every point, outliers and duplicates included, eq. (7) and (9).
+
+    Parameters
+    ----------
+    learned : Learned
+        Oriented rules of d distinct points.
+    options : Options
+        What the user has chosen.
+    clock : Clock
+        Told the stage.
+
+    Returns
+    -------
+    estimate : NormalEstimate
+        Of all points.
+    normals, residual : (d, 3) and (d,) float64
+        Of the distinct points.
+    """
+    with clock.stage("inference"):
+        cloud, samples, rules = learned.cloud, learned.samples, learned.rules
+        threads = thread_count(options.n_threads)
+        sides = np.zeros_like(cloud.points)
+        sides[samples.kept] = learned.sides
+        normals, agreement, residual = infer_normals(
+            rules, cloud.points, threads, sides=sides, experience=learned.experience
+        )
+        nearest = KdTree(rules.feet, threads).query(cloud.points, 1, np.inf, threads)[1][:, 0]
+        confidence = np.where(learned.hanging, 0.0, agreement * rules.confidence[nearest])
+        noise = rules.noise[nearest]
+        spacing = float(np.median(samples.scale.spacing))
+        doubt = (1.0 - confidence) * np.minimum(1.0, 2.0 * noise / spacing)
+        leaning = leaned(normals, sides, doubt)
+        noise = learned.steps.given(noise, cloud.points, threads)
+        level = learned.steps.given(samples.scale.noise, samples.scale.places, threads)
+        check_stage("inference", normals=leaning, confidences=confidence, residuals=residual)
+    doubts = unsuitable(samples.points, samples.tree, threads)
+    back = cloud.inverse
+    estimate = NormalEstimate(
+        normals=leaning[back],
+        confidence=confidence[back],
+        outliers=~samples.kept[back],
+        noise=noise[back] * cloud.extent,
+        noise_level=float(np.median(level)) * cloud.extent,
+        spacing=spacing * cloud.extent,
+        seconds=dict(clock.seconds),
+        rules=rules.moved(cloud.extent, cloud.middle),
+        evidence=learned.evidence,
+        warnings=cloud.warnings + doubts + learned.evidence.warnings,
+    )
+    return estimate, normals, residual
+
+
+def _fitted(
+    samples: Samples, sides: Array, limits: Limits, clock: Clock, threads: int
+) -> tuple[RuleBase, Samples]:
+    """Choose the scale anew with sides, draw typical data, and fit a rule to each."""
+    tree, points = samples.tree, samples.points
+    with clock.stage("scale"):  # Algorithm 1, step 6
+        scale = refine_scale(points, tree, samples.scale, sides, limits, threads)
+    with clock.stage("typical data"):  # section 3.1
+        centers, facing = typical_data(points, sides, tree, scale, threads)
+        pilot = scale.at(centers, threads)
+        where = Neighborhoods(centers, facing, scale.n_neighbors[pilot], scale.noise[pilot])
+    with clock.stage("rules"):  # Algorithm 1, steps 3 and 5
+        rules = fit_rules(tree, points, sides, where, threads)
+    return rules, replace(samples, scale=scale)
+
+
+def _limits(options: Options, extent: float) -> Limits:
+    return Limits(options.max_nn, None if options.radius is None else options.radius / extent)
+
+
+def _inside(viewpoint: Array | None, cloud: Cloud) -> Array | None:
+    """Where all distinct points were seen from, or each, in the unit cube."""
+    if viewpoint is None:
+        return None
+    x = (viewpoint - cloud.middle) / cloud.extent
+    return x if x.ndim == 1 else x[cloud.first]

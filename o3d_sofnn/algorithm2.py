@@ -1,0 +1,213 @@
+"""Algorithm 2 with section 4: a function from oriented rules, and the mesh of its zero set."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from o3d_sofnn.geometry.checks import check_mesh
+from o3d_sofnn.geometry.vectors import longest_side
+from o3d_sofnn.implicit.field import Field
+from o3d_sofnn.implicit.units import local_surfaces
+from o3d_sofnn.meshing.borders.closing import VOUCHED, Closing, Judge
+from o3d_sofnn.meshing.borders.solids import solids
+from o3d_sofnn.meshing.isosurface.resolution import RESOLVES, SHEET, choose_cubes
+from o3d_sofnn.meshing.isosurface.spacing import local_spacing
+from o3d_sofnn.meshing.mesh import mesh
+from o3d_sofnn.options import Options
+from o3d_sofnn.progress import Clock
+from o3d_sofnn.rules.rule_base import RuleBase
+from o3d_sofnn.validation import thread_count
+
+if TYPE_CHECKING:
+    from o3d_sofnn.algorithm1 import Learned
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Function:
+    """A function that is zero on the surface, and how finely it is to be sampled.
+
+    Attributes
+    ----------
+    rules : RuleBase
+        Oriented rules, in the unit cube.
+    implicit : Field
+        The function, with the m samples that it was made from.
+    on_surface : (m, 3) float64
+        Samples moved onto the surface.
+    on_solid : (m,) bool
+        Samples on what the winding number takes for a solid.
+    spacing : (m,) float64
+        Distance of neighbouring samples, or what the cubes resolve where that is more.
+    size, finest : float
+        Edge of a cube where data is as usual, and of the finest cubes.
+    levels : (m,) int64
+        The cubes around a sample have an edge of ``finest * 2**level``.
+    offset_points : int
+        Points beside the surface that Algorithm 2 has used.
+    """
+
+    rules: RuleBase
+    implicit: Field
+    on_surface: Array
+    on_solid: NDArray[np.bool_]
+    spacing: Array
+    size: float
+    finest: float
+    levels: NDArray[np.int64]
+    offset_points: int
+
+
+@dataclass(frozen=True)
+class Meshed:
+    """A mesh in the unit cube.
+
+    Attributes
+    ----------
+    vertices : (v, 3) float64
+    triangles : (t, 3) int32
+    confidence : (v,) float64
+        Support by the data.
+    beyond : (v,) float64
+        Distance from the nearest sample, divided by what a rim vouches for; 0 where supported.
+    closing : Closing or None
+        What was decided of holes, if that was asked.
+    watertight : bool
+        Whether the mesh is closed.
+    """
+
+    vertices: Array
+    triangles: NDArray[np.int32]
+    confidence: Array
+    beyond: Array
+    closing: Closing | None
+    watertight: bool
+
+
+def implicit_function(
+    learned: Learned, facing: Array, residual: Array, options: Options, clock: Clock
+) -> Function:
+    """Make a function of oriented rules and choose the cubes it is sampled on.
+
+    Parameters
+    ----------
+    learned : Learned
+        Rules and samples.
+    facing, residual : (d, 3) and (d,) float64
+        Inferred normals of the distinct points, and their distances from the surface.
+    options : Options
+        What the user has chosen.
+    clock : Clock
+        Told the stages.
+
+    Returns
+    -------
+    Function
+
+    Raises
+    ------
+    ValueError
+        `voxel_size` asks for more than 500,000 cubes along one side.
+    """
+    threads, cloud, samples = thread_count(options.n_threads), learned.cloud, learned.samples
+    facing, residual = facing[samples.kept], residual[samples.kept]
+    with clock.stage("local surfaces"):  # Algorithm 2
+        precision = None if options.precision is None else options.precision / cloud.extent
+        inliers = cloud.points if samples.kept.all() else cloud.points[samples.kept]
+        rules, surfaces = local_surfaces(
+            learned.rules, inliers, facing, samples.tree, threads, precision
+        )
+    with clock.stage("field"):  # section 4
+        on_surface = inliers - residual[:, None] * facing
+        scale = samples.scale
+        solid, on_solid = solids(rules, on_surface, threads)
+        spacing = scale.spacing[scale.at(inliers, threads)]
+        spacing = local_spacing(spacing, on_solid, inliers, samples.tree, threads)
+        # On a sheet cubes may be larger: the winding number says nothing of how thin it is.
+        thick = replace(rules, confidence=np.where(solid, rules.confidence, 1.0))
+        wider = np.where(on_solid, 1.0, SHEET)
+        size, finest, levels = choose_cubes(
+            inliers,
+            on_surface,
+            wider * spacing,
+            float(np.median(scale.spacing) * np.median(wider)),
+            thick,
+            _voxel_size(options, inliers, cloud.extent),
+            threads,
+        )
+        edges = finest * np.exp2(levels)
+        implicit = Field(rules, surfaces, on_surface, facing, np.maximum(spacing, edges), threads)
+        spacing = np.maximum(spacing, RESOLVES * edges)
+    return Function(
+        rules,
+        implicit,
+        on_surface,
+        on_solid,
+        spacing,
+        size,
+        finest,
+        levels,
+        surfaces.offset_points,
+    )
+
+
+def triangulate(function: Function, options: Options, clock: Clock) -> Meshed:
+    """Triangulate the zero set, and end it where the user or the data say.
+
+    Parameters
+    ----------
+    function : Function
+        What is zero on the surface.
+    options : Options
+        What the user has chosen.
+    clock : Clock
+        Told the stage.
+
+    Returns
+    -------
+    Meshed
+
+    Raises
+    ------
+    ValueError
+        No triangle is left.
+    """
+    threads, implicit = thread_count(options.n_threads), function.implicit
+    with clock.stage("surface"):
+        vertices, triangles, confidence, closing = mesh(
+            implicit,
+            function.on_surface,
+            function.finest,
+            function.levels,
+            _border(options, function),
+            options.target_triangles,
+            threads,
+        )
+        as_closed = options.closes is True or (closing is not None and closing.closed)
+        watertight = check_mesh(vertices, triangles, closed=as_closed)
+        far = np.flatnonzero(confidence == 0.0)
+        distance, sample = implicit.nearest(vertices[far], 1)
+        beyond = np.zeros(len(vertices))
+        beyond[far] = (distance / (VOUCHED * function.spacing[sample]))[:, 0]
+    return Meshed(vertices, triangles, confidence, beyond, closing, watertight)
+
+
+def _voxel_size(options: Options, inliers: Array, extent: float) -> float | None:
+    if options.depth is not None:
+        return float(longest_side(inliers) / 2**options.depth)
+    return None if options.voxel_size is None else options.voxel_size / extent
+
+
+def _border(options: Options, function: Function) -> Judge | float | None:
+    """Say where the surface ends: where a judge says, at the user's level, or nowhere."""
+    if options.closes is True:
+        return None
+    if options.trim is None or options.trim == "auto":
+        closes = options.closes == "auto"
+        return Judge(function.implicit, function.on_solid, function.spacing, closes)
+    return options.trim

@@ -1,0 +1,262 @@
+"""Rims of open meshes: straight between the samples, and with edges as long as the spacing."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from o3d_sofnn import _kernels
+from o3d_sofnn.meshing.repair.untangling import untangle
+
+STRAIGHTENINGS = 5
+"""Times that vertices of a rim go half of the way to the middle of their neighbours on it."""
+
+
+AWAY = 0.5
+"""Longest way that they go, over the spacing: the rim stays at the data."""
+
+
+EDGE = 2.0
+"""Longest edge that replaces two, over the spacing."""
+
+
+BULGE = 0.2
+"""Farthest that a vertex may be from the edge that replaces it, over the spacing."""
+
+
+TURN = 0.7
+"""Least cosine between the normals of a triangle before and after a step."""
+
+
+ROUNDS = 16
+"""Times that edges are joined; each time those that are not near each other."""
+
+
+ATTEMPTS = 4
+"""Times that all of this is tried, without what made triangles cut each other before."""
+
+
+Array = NDArray[np.float64]
+
+
+Triangles = NDArray[np.int32]
+
+
+Index = NDArray[np.int64]
+
+
+def tidy(
+    vertices: Array, triangles: Triangles, spacing: Array, n_threads: int = 1
+) -> tuple[Array, Triangles, Index]:
+    """Straighten the rims of a mesh, and join the short edges of them.
+
+    Parameters
+    ----------
+    vertices : (m, 3) float64
+    triangles : (t, 3) int32
+        A manifold with rims, no triangle of which cuts another one.
+    spacing : (m,) float64
+        Of the samples at the vertices.
+    n_threads : int, default 1
+        Threads.
+
+    Returns
+    -------
+    vertices : (v, 3) float64
+    triangles : (k, 3) int32
+        Of the same kind, with the same components, holes and handles.
+    used : (v,) int64
+        The given vertex that each one was.
+    """
+    straight = straightened(vertices, triangles, spacing)
+    straight = untangle([vertices, straight], triangles, n_threads)
+    triangles = _joined(straight, triangles, spacing, n_threads)
+    used, number = np.unique(triangles, return_inverse=True)
+    return straight[used], number.reshape(-1, 3).astype(np.int32), used.astype(np.int64)
+
+
+def straightened(vertices: Array, triangles: Triangles, spacing: Array) -> Array:
+    """Move the vertices of rims along the surface so that the rims are straighter.
+
+    Parameters
+    ----------
+    vertices : (m, 3) float64
+    triangles : (t, 3) int32
+        A manifold with rims.
+    spacing : (m,) float64
+        Of the samples at the vertices.
+
+    Returns
+    -------
+    (m, 3) float64
+        No triangle turns.
+    """
+    before, after = _neighbors(triangles, len(vertices))
+    rim = np.flatnonzero(before >= 0)
+    if not len(rim):
+        return vertices
+    normals = np.asarray(_kernels.vertex_normals(vertices, triangles))[rim]
+    moved = vertices.copy()
+    for _ in range(STRAIGHTENINGS):
+        middle = 0.5 * (moved[before[rim]] + moved[after[rim]])
+        way = moved[rim] + 0.5 * (middle - moved[rim]) - vertices[rim]
+        way -= np.einsum("rd,rd->r", way, normals)[:, None] * normals
+        length = np.maximum(np.linalg.norm(way, axis=1), 1e-300)
+        way *= np.minimum(1.0, AWAY * spacing[rim] / length)[:, None]
+        moved[rim] = vertices[rim] + way
+    return np.asarray(_kernels.undo_turns(vertices, moved, triangles, TURN))
+
+
+def _neighbors(triangles: Triangles, n: int) -> tuple[Index, Index]:
+    """Vertices before and after each one on its rim, (n,); -1 inside and where two rims meet."""
+    start = triangles.astype(np.int64).ravel()
+    end = triangles[:, [1, 2, 0]].astype(np.int64).ravel()
+    keys = np.minimum(start, end) * n + np.maximum(start, end)
+    order = np.argsort(keys, kind="stable")
+    first = _first_of_runs(keys[order])
+    border = order[first & np.append(first[1:], True)[: len(first)]]
+    start, end = start[border], end[border]
+    single = (np.bincount(start, minlength=n) == 1) & (np.bincount(end, minlength=n) == 1)
+    before, after = np.full(n, -1), np.full(n, -1)
+    after[start], before[end] = end, start
+    before[~single], after[~single] = -1, -1
+    return before, after
+
+
+def _first_of_runs(keys: Index) -> NDArray[np.bool_]:
+    """Mark the first one of equal keys that follow each other."""
+    first = np.ones(len(keys), bool)
+    first[1:] = keys[1:] != keys[:-1]
+    return first
+
+
+def _joined(vertices: Array, triangles: Triangles, spacing: Array, n_threads: int) -> Triangles:
+    """Join edges of rims, but for those beside which triangles would cut each other."""
+    rim = _neighbors(triangles, len(vertices))[0] >= 0
+    if not rim.any():
+        return triangles
+    beside = rim[triangles].any(axis=1)
+    inner, kept = triangles[~beside], np.zeros(len(vertices), bool)
+    # The band along the rims has its own numbers: the rest of the mesh costs nothing.
+    in_band = np.zeros(len(vertices), bool)
+    in_band[triangles[beside]] = True
+    rows = np.flatnonzero(in_band)
+    number = np.cumsum(in_band, dtype=np.int32) - 1
+    for _ in range(ATTEMPTS):
+        band = number[triangles[beside]]
+        for _ in range(ROUNDS):
+            fewer = _join(vertices[rows], band, spacing[rows], (rim & ~kept)[rows])
+            if len(fewer) == len(band):
+                break
+            band = fewer
+        joined = np.concatenate([inner, rows[band].astype(np.int32)])
+        suspect = np.arange(len(joined)) >= len(inner)
+        pairs = np.asarray(_kernels.intersecting_pairs(vertices, joined, suspect, n_threads))
+        if not len(pairs):
+            return joined
+        kept[joined[pairs.ravel()]] = True
+    return triangles
+
+
+def _join(
+    vertices: Array, triangles: Triangles, spacing: Array, free: NDArray[np.bool_]
+) -> Triangles:
+    """Collapse free vertices of rims onto a neighbour on the rim, none near another one.
+
+    The triangles are those of the vertices of rims: others have edges that only seem to be rims,
+    and no free vertex.
+    """
+    before, after = _neighbors(triangles, len(vertices))
+    free = free & (before >= 0)
+    candidate = np.flatnonzero(free)
+    candidate = candidate[free[before[candidate]] & free[after[candidate]]]
+    candidate = candidate[_short(vertices, before, after, candidate, spacing)]
+    a, c = before[candidate], after[candidate]
+    nearer = np.linalg.norm(vertices[a] - vertices[candidate], axis=1) <= np.linalg.norm(
+        vertices[c] - vertices[candidate], axis=1
+    )
+    onto = np.where(nearer, a, c)
+    fine = _keeps_topology(triangles, candidate, onto, len(vertices))
+    candidate, onto = candidate[fine], onto[fine]
+    fine = _keeps_normals(vertices, triangles, candidate, onto)
+    candidate, onto = candidate[fine], onto[fine]
+    chosen = _apart(triangles, candidate, vertices, onto)
+    target = np.arange(len(vertices), dtype=np.int32)
+    target[candidate[chosen]] = onto[chosen]
+    moved = target[triangles]
+    a, b, c = moved.T
+    return np.ascontiguousarray(moved[(a != b) & (b != c) & (c != a)])
+
+
+def _short(
+    vertices: Array, before: Index, after: Index, candidate: Index, spacing: Array
+) -> NDArray[np.bool_]:
+    """Whether one edge may replace the two at each candidate: short, and hardly beside it."""
+    chord = vertices[after[candidate]] - vertices[before[candidate]]
+    length = np.linalg.norm(chord, axis=1)
+    step = vertices[candidate] - vertices[before[candidate]]
+    along = np.einsum("cd,cd->c", step, chord) / np.maximum(length, 1e-300) ** 2
+    off = np.linalg.norm(step - np.clip(along, 0.0, 1.0)[:, None] * chord, axis=1)
+    own = spacing[candidate]
+    return np.asarray((length <= EDGE * own) & (off <= BULGE * own))
+
+
+def _keeps_topology(
+    triangles: Triangles, candidate: Index, onto: Index, n: int
+) -> NDArray[np.bool_]:
+    """Whether the ends of each edge of a rim have one common neighbour, and more than a triangle.
+
+    Dey, Edelsbrunner, Guha and Nekhayev, "Topology preserving edge contraction", 1999.
+    """
+    edges = triangles[:, [0, 1, 1, 2, 2, 0, 1, 0, 2, 1, 0, 2]].reshape(-1, 2).astype(np.int64)
+    pairs = np.sort(edges[:, 0] * n + edges[:, 1])
+    pairs = pairs[_first_of_runs(pairs)]
+    first = np.searchsorted(pairs, candidate * n)
+    degree = np.searchsorted(pairs, (candidate + 1) * n) - first
+    row = np.repeat(np.arange(len(candidate)), degree)
+    step = np.arange(len(row)) - np.repeat(np.cumsum(degree) - degree, degree)
+    neighbor = pairs[np.repeat(first, degree) + step] % n
+    wanted = onto[row] * n + neighbor
+    place = np.minimum(np.searchsorted(pairs, wanted), len(pairs) - 1)
+    common = np.bincount(row, pairs[place] == wanted, len(candidate))
+    number = np.bincount(triangles.ravel(), minlength=n)
+    return np.asarray((common == 1) & (number[candidate] > 1))
+
+
+def _keeps_normals(
+    vertices: Array, triangles: Triangles, candidate: Index, onto: Index
+) -> NDArray[np.bool_]:
+    """Whether no triangle that stays turns when its candidate goes onto a neighbour."""
+    row = np.full(len(vertices), -1)
+    row[candidate] = np.arange(len(candidate))
+    fine = np.ones(len(candidate), bool)
+    for corner in range(3):
+        own = row[triangles[:, corner]]
+        rows = np.flatnonzero(own >= 0)
+        own, old = own[rows], triangles[rows]
+        new = old.copy()
+        new[:, corner] = onto[own]
+        stays = (old != onto[own][:, None]).all(axis=1)
+        was, now = (
+            np.cross(vertices[t[:, 1]] - vertices[t[:, 0]], vertices[t[:, 2]] - vertices[t[:, 0]])
+            for t in (old, new)
+        )
+        size = np.linalg.norm(was, axis=1) * np.linalg.norm(now, axis=1)
+        turned = np.einsum("td,td->t", was, now) <= TURN * size
+        fine[own[stays & turned]] = False
+    return fine
+
+
+def _apart(
+    triangles: Triangles, candidate: Index, vertices: Array, onto: Index
+) -> NDArray[np.bool_]:
+    """Whether each candidate has the shortest edge of all within two rings."""
+    length = np.linalg.norm(vertices[candidate] - vertices[onto], axis=1)
+    rank = np.full(len(vertices), len(vertices))
+    rank[candidate[np.lexsort((candidate, length))]] = np.arange(len(candidate))
+    own = rank[candidate]
+    for _ in range(2):
+        least = rank[triangles].min(axis=1)
+        rank = rank.copy()
+        np.minimum.at(rank, triangles.ravel(), np.repeat(least, 3))
+    return np.asarray(rank[candidate] == own)

@@ -1,0 +1,82 @@
+"""Sparse isosurface: cubes with data and those the surface leads to until it closes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from o3d_sofnn.meshing.isosurface.grid import AdaptiveGrid
+from o3d_sofnn.meshing.isosurface.marching_cubes import marching_cubes
+
+if TYPE_CHECKING:
+    from o3d_sofnn.implicit.field import Evaluate
+
+BLOCK = 2**18
+"""Places that are looked at together: each needs some thirty numbers on the way."""
+
+
+WALL = 16.0
+"""Factor of the far field beside the wall of the domain."""
+
+
+def extract(
+    evaluate: Evaluate,
+    seeds: NDArray[np.float64],
+    size: float,
+    levels: NDArray[np.int64] | None = None,
+    n_threads: int = 1,
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Triangulate the zero set of a function through the cubes around some seeds.
+
+    Starting from the cubes that hold seeds, every cube across a face with a change of sign is
+    added, until there is none left: the surface is closed, and pieces without data are never met.
+    The cubes grow with the distance from the seeds.
+
+    Parameters
+    ----------
+    evaluate : callable
+        (m, 3) places to (m,) values, negative inside, and (m,) support.
+    seeds : (n, 3) float64
+        Points near the surface.
+    size : float
+        Edge of a finest cube.
+    levels : (n,) int64, optional
+        Cubes around a seed have an edge of ``size * 2**level``. None for 0.
+    n_threads : int, default 1
+        Threads.
+
+    Returns
+    -------
+    vertices : (v, 3) float64
+    triangles : (t, 3) int32
+        A closed manifold, outward.
+    """
+    if levels is None:
+        levels = np.zeros(len(seeds), np.int64)
+    grid = AdaptiveGrid(seeds, size, levels)
+    walk = grid.walk(n_threads)
+    values = []
+    wanted = np.asarray(walk.advance(np.zeros(0, bool)))
+    while len(wanted):
+        blocks = np.split(wanted, range(BLOCK, len(wanted), BLOCK))
+        values.append(np.concatenate([_walled(evaluate, grid, block) for block in blocks]))
+        wanted = np.asarray(walk.advance(values[-1] < 0.0))
+    leaves, crossed = np.asarray(walk.leaves()), np.asarray(walk.take_crossed())
+    del walk  # its maps are as large as all of the mesh
+    return marching_cubes(np.concatenate(values), grid.positions(leaves), crossed, n_threads)
+
+
+def _walled(
+    evaluate: Evaluate, grid: AdaptiveGrid, leaves: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Evaluate in the middle of leaves; outside of the box of the domain all is outside."""
+    x = grid.positions(leaves)
+    values, support = evaluate(x)
+    # Far away only the sign counts. Large values let the wall cut straight.
+    edge = grid.edges(leaves)
+    wall = np.maximum(grid.low - x, x - grid.high).max(axis=1)
+    at_wall = wall > -2.0 * grid.size * edge
+    values = np.where(support > 0.0, values, values * edge * np.where(at_wall, WALL, 1.0))
+    return np.asarray(np.maximum(values, wall))

@@ -1,0 +1,1 @@
+"""Vertices moved to better places, small handles opened, no triangle through another."""
