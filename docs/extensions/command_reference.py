@@ -36,8 +36,8 @@ def _commands(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentPars
 def _section(parser: argparse.ArgumentParser) -> nodes.section:
     section = nodes.section(ids=[nodes.make_id(parser.prog)])
     section += nodes.title(text=parser.prog)
-    usage = parser.format_usage().removeprefix("usage: ")
-    section += nodes.literal_block(text=usage.strip(), language="text")
+    usage = " ".join(parser.format_usage().removeprefix("usage: ").split())
+    section += _wrapped(usage)
     section += nodes.paragraph(text=" ".join((parser.description or "").split()))
     options = nodes.definition_list()
     for action in parser._actions:
@@ -45,13 +45,15 @@ def _section(parser: argparse.ArgumentParser) -> nodes.section:
             options += _option(parser, action)
     section += options
     if parser.epilog:
-        section += nodes.literal_block(text=parser.epilog.strip(), language="text")
+        section += _wrapped(parser.epilog.strip())
     return section
 
 
-def _option(
-    parser: argparse.ArgumentParser, action: argparse.Action
-) -> nodes.definition_list_item:
+def _wrapped(text: str) -> nodes.container:
+    return nodes.container("", nodes.literal_block(text=text, language="text"), classes=["wrapped"])
+
+
+def _option(parser: argparse.ArgumentParser, action: argparse.Action) -> nodes.definition_list_item:
     formatter = parser._get_formatter()
     shown = formatter._format_action_invocation(action)
     if action.choices is not None and action.option_strings:

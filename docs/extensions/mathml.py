@@ -24,7 +24,9 @@ def _block(writer: Any, node: nodes.math_block) -> None:
     formula = node.astext().strip()
     if not formula.startswith(r"\begin{align"):
         wrapped = pick_math_environment(formula)
-        formula = f"\\begin{{{wrapped}}}\n{formula}\n\\end{{{wrapped}}}" if "\\\\" in formula else formula
+        formula = (
+            f"\\begin{{{wrapped}}}\n{formula}\n\\end{{{wrapped}}}" if "\\\\" in formula else formula
+        )
     writer.body.append(writer.starttag(node, "div", CLASS="math"))
     if node["number"]:
         writer.body.append(f'<span class="eqno">({node["number"]})</span>')

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,7 @@ import scenes  # noqa: E402
 from arch import dental_arch  # noqa: E402
 from pictures import Panel  # noqa: E402
 
+from o3d_sofnn.compare.colors import direction_colors  # noqa: E402
 from o3d_sofnn.compare.raster import View  # noqa: E402
 
 Array = NDArray[Any]
@@ -54,39 +56,54 @@ class Picture:
 def main() -> int:
     """Draw the pictures and say what was decided about each cloud."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("name", nargs="*", metavar="NAME")
-    for name in parser.parse_args().name or PICTURES:
-        _draw(name, PICTURES[name])
+    parser.add_argument("name", nargs="*", metavar="NAME", help=" ".join([*PICTURES, "overview"]))
+    for name in parser.parse_args().name or [*PICTURES, "overview"]:
+        if name == "overview":
+            _overview()
+        else:
+            points, _, mesh = _panels(name)
+            view = PICTURES[name].view
+            pictures.draw(
+                HERE / f"{name}.png", [points, mesh], view, height=300, max_bytes=MOST_BYTES
+            )
     return 0
 
 
-def _draw(name: str, picture: Picture) -> None:
+def _overview() -> None:
+    """Draw what the README begins with: a solid and an open surface, with their normals."""
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for name in ("object", "arch"):
+            view = PICTURES[name].view
+            rows.append(pictures.draw(Path(folder) / "row.png", _panels(name), view, height=380))
+    pictures.save(HERE.parent / "overview.png", pictures.stack(rows), 2 * MOST_BYTES)
+
+
+def _panels(name: str) -> list[Panel]:
+    """Points, points coloured by their normals, mesh."""
     import open3d as o3d
 
     import o3d_sofnn
 
+    picture = PICTURES[name]
     points, options = picture.cloud()
     pcd = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
     mesh, details = o3d_sofnn.reconstruct_surface(pcd, return_details=True, **options)
     print(f"{name}: {details.normals.evidence.text}")
-    print(f"  {details.closing.reason if details.closing else 'closed as asked for'}")
+    print(f"  {details.closing.reason}")
     for warning in details.warnings:
         print(f"  warning: {warning}")
     vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
     low, high = picture.within
     shown = ((low <= points) & (points <= high)).all(axis=1)
     drawn = ((low <= vertices) & (vertices <= high)).all(axis=1)[triangles].all(axis=1)
+    colors = direction_colors(details.normals.normals[shown])
     kind = "closed" if details.watertight else "open"
-    pictures.draw(
-        HERE / f"{name}.png",
-        [
-            Panel(f"{len(points):,} points", points[shown]),
-            Panel(f"{kind}, {len(triangles):,} triangles", vertices, triangles[drawn]),
-        ],
-        picture.view,
-        height=300,
-        max_bytes=MOST_BYTES,
-    )
+    return [
+        Panel(f"{len(points):,} points", points[shown]),
+        Panel("normals by direction", points[shown], None, colors),
+        Panel(f"{kind}, {len(triangles):,} triangles", vertices, triangles[drawn]),
+    ]
 
 
 def _scene(

@@ -73,7 +73,7 @@ def _write_ptx(path: Path) -> None:
     station = np.array([-0.4, -0.6, 1.4])
     scan = scenes.make("room", 1200)
     local = np.column_stack([scan.points - station, np.full(len(scan.points), 0.5)])
-    axes = "\n".join("1 0 0|0 1 0|0 0 1".split("|"))
+    axes = "1 0 0\n0 1 0\n0 0 1"
     place = " ".join(map(str, station))
     matrix = f"1 0 0 0\n0 1 0 0\n0 0 1 0\n{place} 1"
     rows = "\n".join(" ".join(f"{x:.6f}" for x in row) for row in local)

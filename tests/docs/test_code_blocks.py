@@ -5,16 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from code_blocks import SHOWN, Block, blocks, commands, run_python
+from code_blocks import SHOWN, Block, blocks, commands, pages, run_python
 
 from o3d_sofnn.cli.main import main
 
 ROOT = Path(__file__).parents[2]
-PAGES = [
-    ROOT / "README.md",
-    ROOT / "CONTRIBUTING.md",
-    *sorted(page for page in (ROOT / "docs").rglob("*.md") if "_build" not in page.parts),
-]
+PAGES = pages(ROOT)
 
 
 def run_shell(block: Block) -> None:

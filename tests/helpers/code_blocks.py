@@ -15,6 +15,16 @@ SHOWN = {"", "text", "bibtex"}
 """Languages of blocks that hold nothing to run."""
 
 
+def pages(root: Path) -> list[Path]:
+    """Return the README and all pages of the documentation."""
+    found = sorted((root / "docs").rglob("*.md"))
+    return [
+        root / "README.md",
+        root / "CONTRIBUTING.md",
+        *(page for page in found if "_build" not in page.relative_to(root).parts),
+    ]
+
+
 @dataclass(frozen=True)
 class Block:
     """One fenced block.
