@@ -20,14 +20,15 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     o3d = pytest.importorskip("open3d")
     folder = tmp_path_factory.mktemp("inputs")
     torus = shapes.torus(900).noisy(0.01).points
+    scan = 0.05 * torus
     room = scenes.make("room", 1600).points
     street = scenes.make("street, three stations", 1600)
-    _write(folder / "scan.ply", torus, o3d, colors=0.5 + 0.3 * torus)
+    _write(folder / "scan.ply", scan, o3d, colors=0.5 + 0.3 * torus)
     _write(folder / "figure.ply", 10.0 * shapes.torus(900).points, o3d)
     _write(folder / "arch.ply", 10.0 * _bowl(), o3d)
     _write(folder / "depth.ply", _depth_frame(), o3d)
     _write(folder / "room.pcd", room, o3d)
-    np.savetxt(folder / "scan.xyz", torus)
+    np.savetxt(folder / "scan.xyz", scan)
     np.savez(folder / "street.npz", positions=street.points, stations=street.stations)
     _write_ptx(folder / "scan.ptx")
     _write_las(folder / "survey.laz", scenes.make("terrain", 1600).points + UTM)
