@@ -3,6 +3,7 @@
 # make meshlab-plugin: the same, and MeshLab's sources from Debian, for the plugin's tests alone.
 # make browser: Chromium, without which the tests of the comparison's report are skipped; as root.
 # make ext: the native module beside its sources, for work on the package without installing it.
+# make docs: the documentation site, in docs/_build/html.
 # make sanitize: kernels and pipeline under GCC's sanitizers; minutes, and not part of make test.
 
 PYTHON ?= python3
@@ -21,13 +22,14 @@ MESHLAB := $(VENV)/build/meshlab
 MESHLAB_TARBALL := http://deb.debian.org/debian/pool/main/m/meshlab/meshlab_2022.02+dfsg1.orig.tar.xz
 MESHLAB_SHA256 := 11da26ec46c3fbbbc806d410a3221542ec21ec13fdcc55d624304600029435fd
 
-.PHONY: help system browser demo test lint meshlab-plugin ext sanitize clean
+.PHONY: help system browser demo test lint docs meshlab-plugin ext sanitize clean
 
 help:
 	@echo "make system  install the system packages (Debian, Ubuntu; as root)"
 	@echo "make browser install Chromium, for the tests of the comparison's report (as root)"
 	@echo "make demo    reconstruct scans, write meshes and pictures, compare with other methods"
 	@echo "make test    lint, types, tests of the installed wheel"
+	@echo "make docs    build the documentation site in docs/_build/html"
 	@echo "make meshlab-plugin"
 	@echo "             download MeshLab's headers, build the native plugin and test it (filters/README.md)"
 	@echo "make ext     build the native module in place"
@@ -55,6 +57,12 @@ lint: $(VENV)/.test
 	$(BIN)/ruff format --check
 	env -u PYTHONPATH $(BIN)/mypy
 
+# A warning is an error, also for a link or a name that leads nowhere (-n).
+docs: $(VENV)/.docs
+	env -u PYTHONPATH $(BIN)/sphinx-build --fail-on-warning --nitpicky --keep-going --quiet \
+		-d docs/_build/doctrees docs docs/_build/html
+	@echo "open docs/_build/html/index.html"
+
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
@@ -65,6 +73,10 @@ $(VENV)/.demo: $(SOURCES) | $(BIN)/python
 
 $(VENV)/.test: $(SOURCES) | $(BIN)/python
 	$(BIN)/python -m pip install --quiet '.[test]'
+	touch $@
+
+$(VENV)/.docs: $(SOURCES) | $(BIN)/python
+	$(BIN)/python -m pip install --quiet '.[docs]'
 	touch $@
 
 meshlab-plugin: $(VENV)/.test $(MESHLAB)/.source $(MESHLAB)/.python
@@ -97,5 +109,5 @@ sanitize: $(VENV)/.test
 	env -u PYTHONPATH $(BIN)/python demos/benchmarks/fuzz/sanitize.py
 
 clean:
-	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist docs/_build .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -prune -exec rm -rf {} +

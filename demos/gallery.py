@@ -50,7 +50,7 @@ CASES = {
         lambda n: inputs.with_uneven_density(inputs.bunny(2 * n)), "density from 1 to 1/40"
     ),
     "open": Case(lambda n: inputs.face().thinned(3 * n), "a sheet with a border"),
-    "colour": Case(lambda n: inputs.chameleon(), "colours of the points"),
+    "colour": Case(lambda n: inputs.with_colors(inputs.bunny(n)), "colours of the points"),
     "several": Case(inputs.several_objects, "several objects at once"),
 }
 

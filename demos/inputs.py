@@ -132,6 +132,14 @@ def model(name: str, count: int, seed: int = 0) -> Cloud:
     return Cloud(name, points, view=view)
 
 
+def with_colors(cloud: Cloud) -> Cloud:
+    """Paint stripes on the points, orange and blue across the picture, darker upwards."""
+    across, up, _ = (cloud.points @ cloud.view.axes().T / cloud.diagonal).T
+    share = 0.5 + 0.5 * np.sin(60.0 * across + 4.0 * np.sin(25.0 * up))[:, None]
+    colors = share * [0.90, 0.55, 0.20] + (1.0 - share) * [0.20, 0.40, 0.65]
+    return replace(cloud, colors=colors * (1.0 - 0.4 * (up - up.min()) / np.ptp(up))[:, None])
+
+
 def with_noise(cloud: Cloud, sigma: float, seed: int = 1) -> Cloud:
     """Move every point by a normal deviate, ``sigma`` in parts of the diagonal."""
     rng = np.random.default_rng(seed)

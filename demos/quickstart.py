@@ -26,14 +26,14 @@ OVERVIEW = ("chameleon", "bunny")
 
 def main() -> int:
     """Run the demo and return its exit code, see :func:`demo.work`."""
-    args = demo.parser(__doc__, "quickstart", 300.0, docs="docs/overview.png too").parse_args()
+    args = demo.parser(__doc__, "quickstart", 300.0).parse_args()
     output = args.out.resolve()
     rows: dict[str, Any] = {}
     jobs = {
         name: partial(_run, name, make, output, args.timeout, rows)
         for name, make in _inputs(args.quick).items()
     }
-    return demo.work(jobs, output, lambda: _overview(rows, output, args.docs))
+    return demo.work(jobs, output, lambda: _overview(rows, output))
 
 
 def _inputs(quick: bool) -> dict[str, Callable[[], Cloud]]:
@@ -67,13 +67,11 @@ def _run(
     print(f"  picture  {output / name}.png")
 
 
-def _overview(rows: dict[str, Any], output: Path, docs: bool) -> None:
+def _overview(rows: dict[str, Any], output: Path) -> None:
     if set(OVERVIEW) <= set(rows):
-        targets = [output, *([demo.HERE.parent / "docs"] if docs else [])]
-        for target in targets:
-            whole = pictures.stack([rows[name] for name in OVERVIEW])
-            pictures.save(target / "overview.png", whole, OVERVIEW_BYTES)
-            print(f"overview {target / 'overview.png'}")
+        whole = pictures.stack([rows[name] for name in OVERVIEW])
+        pictures.save(output / "overview.png", whole, OVERVIEW_BYTES)
+        print(f"overview {output / 'overview.png'}")
 
 
 if __name__ == "__main__":
