@@ -119,9 +119,6 @@ def measure(file: Path, count: int | None) -> tuple[dict[str, Any], Image.Image]
         "closed": "yes" if found.watertight else "no",
         "evidence": found.normals.evidence.kind,
     }
-    started = time.process_time()
-    peer = open3d_poisson(points)
-    peer_seconds = time.process_time() - started
     parts = [
         Part(f"{len(points)} points, noise {row['noise']:.3f} % of the diagonal", points),
         Part(
@@ -131,14 +128,22 @@ def measure(file: Path, count: int | None) -> tuple[dict[str, Any], Image.Image]
             found.vertices,
             found.triangles,
         ),
-        Part(
-            f"Open3D's chain, {peer_seconds:.1f} CPU s, {len(peer.triangles)} triangles",
-            peer.vertices,
-            peer.triangles,
-        ),
+        _chain(points),
     ]
     views = contact_sheet.views_of(found.normals.normals)
     return row, contact_sheet.draw_row(file.stem, inliers, found.normals.spacing, views, parts)
+
+
+def _chain(points: Any) -> Part:
+    """Open3D's chain on the same points, or what it says instead of a mesh."""
+    started = time.process_time()
+    try:
+        peer = open3d_poisson(points)
+    except RuntimeError as error:
+        return Part(f"Open3D's chain failed: {str(error)[:60]}", points[:0])
+    seconds = time.process_time() - started
+    caption = f"Open3D's chain, {seconds:.1f} CPU s, {len(peer.triangles)} triangles"
+    return Part(caption, peer.vertices, peer.triangles)
 
 
 def table(rows: list[dict[str, Any]]) -> list[str]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
-for _folder in (ROOT / "demos" / "benchmarks", ROOT / "demos", HERE):
+for _folder in (ROOT / "demos" / "benchmarks" / "accuracy", ROOT / "demos", HERE):
     sys.path.insert(0, str(_folder))
 
 import inputs  # noqa: E402
