@@ -3,8 +3,8 @@
 #include "meshing/decimation.hpp"
 #include "meshing/distance.hpp"
 #include "meshing/dual_walk.hpp"
-#include "meshing/repair/handles.hpp"
-#include "meshing/isosurface/marching_cubes.hpp"
+#include "meshing/handles.hpp"
+#include "meshing/marching_cubes.hpp"
 #include "meshing/mesh.hpp"
 #include "meshing/triangle_tree.hpp"
 
