@@ -12,12 +12,10 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from o3d_sofnn.operators import (
-        NormalDetails,
-        SurfaceDetails,
-        estimate_normals,
-        reconstruct_surface,
-    )
+    from o3d_sofnn.operators.common import ReconstructionWarning
+    from o3d_sofnn.operators.drop_in import create_from_point_cloud_sofnn
+    from o3d_sofnn.operators.normals import NormalDetails, estimate_normals
+    from o3d_sofnn.operators.surfaces import SurfaceDetails, reconstruct_surface
     from o3d_sofnn.sofnn.estimator import SOFNN
     from o3d_sofnn.sofnn.fuzzy_c_means import fuzzy_c_means
 
@@ -26,8 +24,10 @@ if TYPE_CHECKING:
 __all__ = [
     "SOFNN",
     "NormalDetails",
+    "ReconstructionWarning",
     "SurfaceDetails",
     "__version__",
+    "create_from_point_cloud_sofnn",
     "estimate_normals",
     "fuzzy_c_means",
     "reconstruct_surface",
@@ -35,11 +35,13 @@ __all__ = [
 
 _HOME = {
     "SOFNN": "o3d_sofnn.sofnn.estimator",
-    "NormalDetails": "o3d_sofnn.operators",
-    "SurfaceDetails": "o3d_sofnn.operators",
-    "estimate_normals": "o3d_sofnn.operators",
+    "NormalDetails": "o3d_sofnn.operators.normals",
+    "ReconstructionWarning": "o3d_sofnn.operators.common",
+    "SurfaceDetails": "o3d_sofnn.operators.surfaces",
+    "create_from_point_cloud_sofnn": "o3d_sofnn.operators.drop_in",
+    "estimate_normals": "o3d_sofnn.operators.normals",
     "fuzzy_c_means": "o3d_sofnn.sofnn.fuzzy_c_means",
-    "reconstruct_surface": "o3d_sofnn.operators",
+    "reconstruct_surface": "o3d_sofnn.operators.surfaces",
 }
 
 

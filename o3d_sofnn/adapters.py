@@ -64,7 +64,7 @@ def read_cloud(pcd: Any) -> CloudArrays:
 
     Parameters
     ----------
-    pcd : open3d.geometry.PointCloud or open3d.t.geometry.PointCloud
+    pcd : open3d.geometry.PointCloud, open3d.t.geometry.PointCloud or CloudArrays
         The cloud; not changed.
 
     Returns
@@ -77,6 +77,8 @@ def read_cloud(pcd: Any) -> CloudArrays:
     ValueError
         ``pcd`` is no point cloud of Open3D.
     """
+    if isinstance(pcd, CloudArrays):
+        return pcd
     if _is_tensor(pcd):
         return _checked({name: _to_host(pcd.point[name]) for name in pcd.point}, "pcd")
     stored = {"positions": np.array(pcd.points)}
@@ -184,7 +186,7 @@ def read_mesh(mesh: Any) -> tuple[CloudArrays, NDArray[np.int64]]:
     Parameters
     ----------
     mesh : open3d.geometry.TriangleMesh or open3d.t.geometry.TriangleMesh
-        Not changed.
+        Not changed. Or a pair of CloudArrays and (f, 3) triangles.
 
     Returns
     -------
@@ -198,6 +200,8 @@ def read_mesh(mesh: Any) -> tuple[CloudArrays, NDArray[np.int64]]:
     ValueError
         ``mesh`` is no triangle mesh of Open3D.
     """
+    if isinstance(mesh, tuple):
+        return mesh[0], np.asarray(mesh[1]).astype(np.int64)
     o3d = import_open3d()
     if isinstance(mesh, o3d.t.geometry.TriangleMesh):
         stored = {name: _to_host(mesh.vertex[name]) for name in mesh.vertex}
@@ -247,21 +251,6 @@ def read_search_param(search_param: Any) -> tuple[int | None, float | None]:
         validation.check_integer(max_nn, "search_param: max_nn", validation.MIN_NEIGHBORS),
         validation.check_positive(radius, "search_param: radius"),
     )
-
-
-def make_search_param(max_nn: int | None, radius: float | None) -> Any:
-    """Return the search parameter of Open3D for a number of points, a radius, or both."""
-    if max_nn is None and radius is None:
-        return None
-    geometry = import_open3d().geometry
-    # Open3D's classes would take a negative number for a huge one.
-    validation.check_integer(max_nn, "max_nn", validation.MIN_NEIGHBORS)
-    validation.check_positive(radius, "radius")
-    if radius is None:
-        return geometry.KDTreeSearchParamKNN(max_nn)
-    if max_nn is None:
-        return geometry.KDTreeSearchParamRadius(radius)
-    return geometry.KDTreeSearchParamHybrid(radius, max_nn)
 
 
 def _checked(stored: dict[str, NDArray[Any]], name: str) -> CloudArrays:

@@ -7,6 +7,7 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from o3d_sofnn.rules.rule_base import RuleBase
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class NormalEstimate:
     """Oriented normals and what was learned on the way.
 
@@ -60,8 +61,26 @@ class NormalEstimate:
     evidence: Evidence
     warnings: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        """Return a few lines for a terminal."""
+        return _lines(type(self).__name__, self._told())
 
-@dataclass(frozen=True)
+    def _repr_html_(self) -> str:
+        """Return the same as a table, for notebooks."""
+        return _table(self._told())
+
+    def _told(self) -> dict[str, str]:
+        told = {
+            "points": f"{len(self.normals)}, {int(self.outliers.sum())} of them outliers",
+            "noise": f"{self.noise_level:.4g} at a spacing of {self.spacing:.4g}",
+            "rules": f"{len(self.rules)}",
+            "decided": self.evidence.text,
+            "time": f"{sum(self.seconds.values()):.2f} s",
+        }
+        return {**told, **_numbered(self.warnings)}
+
+
+@dataclass(frozen=True, repr=False)
 class SurfaceEstimate:
     """A triangle mesh and what was learned on the way.
 
@@ -105,6 +124,26 @@ class SurfaceEstimate:
     closing: Closing | None
     quality: Quality
 
+    def __repr__(self) -> str:
+        """Return a few lines for a terminal."""
+        return _lines(type(self).__name__, self._told())
+
+    def _repr_html_(self) -> str:
+        """Return the same as a table, for notebooks."""
+        return _table(self._told())
+
+    def _told(self) -> dict[str, str]:
+        kind = "closed" if self.watertight else "open"
+        told = {
+            "mesh": f"{kind}, {len(self.vertices)} vertices, {len(self.triangles)} triangles",
+            "quality": str(self.quality),
+            **({} if self.closing is None else {"holes": self.closing.reason}),
+            "points": f"{len(self.normals.normals)}, noise {self.normals.noise_level:.4g}",
+            "decided": self.normals.evidence.text,
+            "time": f"{sum(self.seconds.values()):.2f} s",
+        }
+        return {**told, **_numbered(self.warnings)}
+
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a user should look at, of the normals and of the mesh."""
@@ -117,6 +156,25 @@ class SurfaceEstimate:
         ``source_weights @ colors`` carries any attribute of the points over to the vertices.
         """
         return self.weigh()
+
+
+SHOWN = 2
+"""Warnings that are shown; the attribute has all of them."""
+
+
+def _numbered(warnings: tuple[str, ...]) -> dict[str, str]:
+    more = len(warnings) - SHOWN
+    found = {f"warning {i}": text for i, text in enumerate(warnings[:SHOWN], start=1)}
+    return {**found, **({"and": f"{more} more in .warnings"} if more > 0 else {})}
+
+
+def _lines(name: str, told: dict[str, str]) -> str:
+    return "\n".join([name, *(f"  {key}: {text}" for key, text in told.items())])
+
+
+def _table(told: dict[str, str]) -> str:
+    rows = (f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in told.items())
+    return f"<table>{''.join(rows)}</table>"
 
 
 def left_out(finite: NDArray[np.bool_]) -> str:

@@ -30,7 +30,8 @@ _READ_DONE = 0.05
 _WRITE_STARTS = 0.95
 
 
-# Python with NumPy, SciPy and Open3D maps some 500 MB before it has done anything. With less, or
+# Python with NumPy and SciPy (and Open3D for comparisons) maps some 500 MB before it has done
+# anything. With less, or
 # with threads for which there is no room, OpenBLAS ends the process or spins while it is loaded.
 _LEAST_MEMORY = 512 * 2**20
 
@@ -41,7 +42,7 @@ def load(command: str) -> None:
     Raises
     ------
     ImportError
-        Open3D is missing; the message says what to type.
+        Open3D, which comparisons need, is missing; the message says what to type.
     MemoryError
         This process may not have what the libraries alone take.
     """
@@ -52,11 +53,13 @@ def load(command: str) -> None:
                 f"{limit >> 20} MB are allowed, {_LEAST_MEMORY >> 20} MB are needed to begin with"
             )
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from o3d_sofnn import adapters, operators  # noqa: F401
+    from o3d_sofnn.operators import normals, surfaces  # noqa: F401
 
     if command == "compare":
+        from o3d_sofnn import adapters
         from o3d_sofnn.compare import run  # noqa: F401
-    adapters.import_open3d()
+
+        adapters.import_open3d()
 
 
 def _memory_limit() -> int | None:
@@ -93,7 +96,6 @@ def run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """
     started = time.perf_counter()
     # Imported here: --help and bad options answer at once.
-    from o3d_sofnn import adapters
     from o3d_sofnn.files import point_files
 
     mesh_wanted = args.command == "reconstruct"
@@ -107,7 +109,8 @@ def run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     for report_file in reports:
         point_files.check_output(report_file, ())
     options = {
-        "search_param": adapters.make_search_param(args.max_nn, args.radius),
+        "max_nn": args.max_nn,
+        "radius": args.radius,
         "n_threads": args.threads,
         "print_progress": rescale(progress, _READ_DONE, _WRITE_STARTS),
         "return_details": True,
@@ -125,7 +128,7 @@ def run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if _uses_viewpoint_of(source, args):
         options["viewpoint"] = source.viewpoint
         _logger.info("%s: the scanner's place in the file is used", args.input)
-    cloud = adapters.make_cloud(point_files.as_cloud(source))
+    cloud = point_files.as_cloud(source)
     result, details = (_reconstruct if mesh_wanted else _normals)(cloud, args, options)
     seconds |= details.seconds
     progress(_WRITE_STARTS, "write")
@@ -178,15 +181,15 @@ def _uses_viewpoint_of(source: PointFile, args: argparse.Namespace) -> bool:
 
 
 def _normals(cloud: Any, args: argparse.Namespace, options: dict[str, Any]) -> Any:
-    from o3d_sofnn import operators
+    from o3d_sofnn.operators.normals import estimate_normals
 
-    return operators.estimate_normals(cloud, **options)
+    return estimate_normals(cloud, **options)
 
 
 def _reconstruct(cloud: Any, args: argparse.Namespace, options: dict[str, Any]) -> Any:
-    from o3d_sofnn import operators
+    from o3d_sofnn.operators.surfaces import reconstruct_surface
 
-    return operators.reconstruct_surface(
+    *mesh, details = reconstruct_surface(
         cloud,
         depth=args.depth,
         voxel_size=args.voxel_size,
@@ -197,6 +200,7 @@ def _reconstruct(cloud: Any, args: argparse.Namespace, options: dict[str, Any]) 
         precision=args.precision,
         **options,
     )
+    return tuple(mesh), details
 
 
 def _figures(source: PointFile, details: NormalEstimate | SurfaceEstimate) -> dict[str, Any]:

@@ -69,9 +69,9 @@ class Mesh:
 
 def ours(points: Array) -> Mesh:
     """Run this package with its defaults."""
-    from o3d_sofnn import operators  # the only peer that needs all of the package
+    from o3d_sofnn.operators.surfaces import reconstruct_surface  # needs all of the package
 
-    mesh, details = operators.reconstruct_surface(_cloud(points), return_details=True)
+    mesh, details = reconstruct_surface(_cloud(points), return_details=True)
     return _from_open3d(mesh, details.normals.normals)
 
 

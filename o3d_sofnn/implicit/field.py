@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn import _kernels
+from o3d_sofnn._kernels import KdTree, WindingTree, evaluate_field, sort_morton
 from o3d_sofnn.geometry.checks import check_stage
 from o3d_sofnn.geometry.neighbors import neighborhood_areas
 from o3d_sofnn.orientation.winding_normals import OPENING
@@ -103,13 +103,13 @@ class Field:
         self.normals = normals
         self.noisiness = float(np.median(rules.noisiness))
         self._reach = 1.0 + (NOISY_REACH - 1.0) * self.noisiness
-        self._samples = _kernels.KdTree(samples, n_threads)
+        self._samples = KdTree(samples, n_threads)
         self._spacing = spacing
         self.n_threads = n_threads
         self._view = rules.view(n_threads, trust=trust(rules))
         weight = np.minimum(self._areas(samples), (LONE * spacing) ** 2)
         self._dipoles = weight[:, None] * normals
-        self._far_tree = _kernels.WindingTree(samples, weight, n_threads)
+        self._far_tree = WindingTree(samples, weight, n_threads)
         # As in Poisson reconstruction the level is the mean over the samples: 1/2 on closed data.
         some = slice(None, None, 1 + len(samples) // PLACES)
         on_samples = self.winding_number(np.ascontiguousarray(samples[some]), spacing[some])
@@ -158,7 +158,7 @@ class Field:
             1 on the data, 0 far away from it.
         """
         # The kernels share work between neighbours.
-        order = np.asarray(_kernels.sort_morton(np.ascontiguousarray(x), self.n_threads)[1])
+        order = np.asarray(sort_morton(np.ascontiguousarray(x), self.n_threads)[1])
         values, support = np.empty(len(x)), np.empty(len(x))
         for start in range(0, len(x), BLOCK):  # some ten numbers a place are needed at once
             block = order[start : start + BLOCK]
@@ -178,7 +178,7 @@ class Field:
         far = spacing * excess
         values = far.copy()
         near = np.flatnonzero(share > 0.0)
-        local = _kernels.evaluate_field(
+        local = evaluate_field(
             self._view,
             self.surfaces.terms,
             self.surfaces.n_terms,

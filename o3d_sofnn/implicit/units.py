@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn import _kernels
+from o3d_sofnn._kernels import KdTree
+from o3d_sofnn._kernels import reconstruct_units as native_reconstruct_units
 from o3d_sofnn.rules.inference import infer_normals
 from o3d_sofnn.rules.rule_base import RuleBase, fit_rules, joined
 from o3d_sofnn.sampling.local_fit import Neighborhoods
@@ -68,7 +69,7 @@ def local_surfaces(
     rules: RuleBase,
     points: NDArray[np.float64],
     normals: NDArray[np.float64],
-    tree: _kernels.KdTree,
+    tree: KdTree,
     n_threads: int,
     precision: float | None = None,
 ) -> tuple[RuleBase, LocalSurfaces]:
@@ -109,7 +110,7 @@ def reconstruct_units(
     rules: RuleBase,
     points: NDArray[np.float64],
     normals: NDArray[np.float64],
-    tree: _kernels.KdTree,
+    tree: KdTree,
     n_threads: int,
     precision: float | None = None,
 ) -> LocalSurfaces:
@@ -150,7 +151,7 @@ def reconstruct_units(
     else:
         limit = np.full(len(rules.radius), precision)
         own = (rules.n_neighbors + 1) // 2
-    terms, n_terms, error, worst = _kernels.reconstruct_units(
+    terms, n_terms, error, worst = native_reconstruct_units(
         tree,
         points,
         normals,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn import _kernels
+from o3d_sofnn._kernels import decimate as native_decimate
 
 
 def decimate(
@@ -39,7 +39,7 @@ def decimate(
     """
     if target >= len(triangles):
         return vertices, triangles, np.arange(len(vertices))
-    places, fewer, source = _kernels.decimate(vertices, triangles, target, n_threads)
+    places, fewer, source = native_decimate(vertices, triangles, target, n_threads)
     return np.asarray(places), np.asarray(fewer), np.asarray(source, np.int64)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn import _kernels
+from o3d_sofnn._kernels import KdTree, consequent_errors
 from o3d_sofnn.rules.inference import NEAREST, infer_normals
 from o3d_sofnn.rules.refit import read_normals, revise
 from o3d_sofnn.rules.rule_base import NOISE_TOLERANCE, SHAPE_TOLERANCE, RuleBase, fit_rules
@@ -77,7 +77,7 @@ def generate(
     centers, n_neighbors, noise
         Arguments for :func:`o3d_sofnn.rules.rule_base.fit_rules`, for the new rules alone.
     """
-    tree = _kernels.KdTree(rules.centers, n_threads)
+    tree = KdTree(rules.centers, n_threads)
     distance, index = tree.query(points, 1, np.inf, n_threads)
     d_min, nearest = distance[:, 0], index[:, 0]
     size, radius = rules.n_neighbors[nearest], rules.radius[nearest]
@@ -167,7 +167,7 @@ def combine(rules: RuleBase, n_threads: int) -> RuleBase:
     """
     if len(rules) < 2:
         return rules
-    tree = _kernels.KdTree(rules.centers, n_threads)
+    tree = KdTree(rules.centers, n_threads)
     distance, index = tree.query(rules.centers, 2, np.inf, n_threads)
     row = np.arange(len(rules))
     other = np.where(index[:, 0] == row, index[:, 1], index[:, 0])
@@ -202,7 +202,7 @@ def adjust(rules: RuleBase, points: NDArray[np.float64], n_threads: int) -> Rule
         The same rules, moved along their normals.
     """
     k = min(NEAREST, len(rules))
-    gradient, share = _kernels.consequent_errors(rules.view(n_threads), points, k, n_threads)
+    gradient, share = consequent_errors(rules.view(n_threads), points, k, n_threads)
     step = RATE * gradient / np.maximum(share, 1e-12)
     return rules.raised(step)
 

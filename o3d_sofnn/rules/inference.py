@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn import _kernels
+from o3d_sofnn._kernels import infer_normals as native_infer_normals
 from o3d_sofnn.rules.rule_base import RuleBase
 from o3d_sofnn.rules.trust import Experience
 
@@ -57,7 +57,7 @@ def infer_normals(
     gates = None if experience is None else experience.gates(rules)
     neurons = None if experience is None else experience.neurons
     view = rules.view(n_threads, gates, neurons)
-    normals, agreement, residual = _kernels.infer_normals(
+    normals, agreement, residual = native_infer_normals(
         view, x, sides, min(k, len(rules)), n_threads
     )
     return np.asarray(normals), np.asarray(agreement), np.asarray(residual)

@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn import _kernels
+from o3d_sofnn._kernels import KdTree, RuleView
 from o3d_sofnn.sampling.local_fit import (
     RADIUS,
     Neighborhoods,
@@ -20,7 +20,7 @@ from o3d_sofnn.sampling.typical_data import RULES_PER_NEIGHBORHOOD
 
 
 def fit_rules(
-    tree: _kernels.KdTree,
+    tree: KdTree,
     points: NDArray[np.float64],
     normals: NDArray[np.float64],
     where: Neighborhoods,
@@ -151,7 +151,7 @@ class RuleBase(Quadrics):
         gates: NDArray[np.float64] | None = None,
         neurons: NDArray[np.float64] | None = None,
         trust: NDArray[np.float64] | None = None,
-    ) -> _kernels.RuleView:
+    ) -> RuleView:
         """Copy the rules for the native kernels.
 
         Parameters
@@ -167,7 +167,7 @@ class RuleBase(Quadrics):
         -------
         RuleView
         """
-        return _kernels.RuleView(
+        return RuleView(
             self.centers,
             np.ascontiguousarray(self.frames),
             np.ascontiguousarray(self.coefficients),

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn import _kernels
+from o3d_sofnn._kernels import KdTree
+from o3d_sofnn._kernels import fit_quadrics as native_fit_quadrics
 from o3d_sofnn.geometry.vectors import unit
 
 if TYPE_CHECKING:
@@ -131,7 +132,7 @@ class Neighborhoods:
 
 
 def fit_quadrics(
-    tree: _kernels.KdTree,
+    tree: KdTree,
     points: NDArray[np.float64],
     normals: NDArray[np.float64],
     where: Neighborhoods,
@@ -158,7 +159,7 @@ def fit_quadrics(
         Facing the sides that are wanted.
     """
     stretch = np.ones(len(where.centers)) if where.stretch is None else where.stretch
-    frames, coefficients, residual, radius, support = _kernels.fit_quadrics(
+    frames, coefficients, residual, radius, support = native_fit_quadrics(
         tree,
         points,
         where.centers,
@@ -188,7 +189,7 @@ def sides_around(
     x: NDArray[np.float64],
     facing: NDArray[np.float64],
     normals: NDArray[np.float64],
-    tree: _kernels.KdTree,
+    tree: KdTree,
     n_threads: int,
 ) -> NDArray[np.float64]:
     """Mean normal of the nearest points that face the same way, or of all where none does.

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn import _kernels
+from o3d_sofnn._kernels import KdTree, divide_cells
+from o3d_sofnn._kernels import typical_data as native_typical_data
 from o3d_sofnn.sampling.cells import build_octree
 from o3d_sofnn.sampling.local_fit import sides_around
-from o3d_sofnn.sampling.scales.choice import Scale
+
+if TYPE_CHECKING:
+    from o3d_sofnn.sampling.scales.choice import Scale
 
 RULES_PER_NEIGHBORHOOD = 8.0
 """Rules whose centres lie in the neighbourhood of one fit: how far neighbouring fits overlap."""
@@ -21,7 +26,7 @@ LEAF = 32
 def typical_data(
     points: NDArray[np.float64],
     normals: NDArray[np.float64],
-    tree: _kernels.KdTree,
+    tree: KdTree,
     scale: Scale,
     n_threads: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -57,7 +62,7 @@ def typical_data(
     neighbors = scale.n_neighbors[scale.at(middle, n_threads)]
     clusters = np.clip(np.rint(count * RULES_PER_NEIGHBORHOOD / neighbors), 1, count)
     clusters = clusters.astype(np.int64)
-    centers = np.asarray(_kernels.typical_data(x, offsets, clusters, 8, 1e-2, n_threads))
+    centers = np.asarray(native_typical_data(x, offsets, clusters, 8, 1e-2, n_threads))
     facing = np.repeat(facing, clusters, axis=0)
     return centers, sides_around(centers, facing, normals, tree, n_threads)
 
@@ -85,7 +90,7 @@ def divide_by_side(
     facing : (p, 3) float64
         Mean normal of each part.
     """
-    order, size = map(np.asarray, _kernels.divide_cells(normals, offsets, n_threads))
+    order, size = map(np.asarray, divide_cells(normals, offsets, n_threads))
     starts = np.stack([offsets[:-1], offsets[:-1] + size], axis=1)
     first = np.append(starts, len(normals))
     first = first[:-1][np.diff(first) > 0]

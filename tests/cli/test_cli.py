@@ -74,10 +74,10 @@ def test_options_reach_the_functions(tmp_path, scan, monkeypatch):
 
         return operator
 
-    from o3d_sofnn import operators
+    from o3d_sofnn.operators import normals, surfaces
 
-    monkeypatch.setattr(operators, "estimate_normals", record("normals"))
-    monkeypatch.setattr(operators, "reconstruct_surface", record("mesh"))
+    monkeypatch.setattr(normals, "estimate_normals", record("normals"))
+    monkeypatch.setattr(surfaces, "reconstruct_surface", record("mesh"))
     out = str(tmp_path / "out.ply")
     common = [str(scan), out, "--max-nn", "40", "--radius", "0.5", "--threads", "2"]
     main.main(["normals", *common, "--viewpoint", "0", "-1.5", "2e3"])
@@ -92,7 +92,7 @@ def test_options_reach_the_functions(tmp_path, scan, monkeypatch):
     mesh = seen["mesh"]
     assert (mesh["depth"], mesh["voxel_size"], mesh["trim"]) == (7, None, 0.3)
     assert mesh["use_normals"] is True
-    assert (mesh["search_param"].max_nn, mesh["search_param"].radius) == (40, 0.5)
+    assert (mesh["max_nn"], mesh["radius"]) == (40, 0.5)
     main.main(["reconstruct", *common, "--voxel-size", "0.25"])
     assert seen["mesh"]["voxel_size"] == 0.25
     main.main(["reconstruct", *common, "--towards", "0", "0", "1"])

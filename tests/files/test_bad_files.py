@@ -13,9 +13,10 @@ from pathlib import Path
 import pytest
 import shapes
 
-from o3d_sofnn import adapters, operators
+from o3d_sofnn import adapters
 from o3d_sofnn.cli import main
 from o3d_sofnn.files import point_files
+from o3d_sofnn.operators import normals, surfaces
 
 o3d = pytest.importorskip("open3d")
 
@@ -107,8 +108,8 @@ def test_a_file_without_permission(tmp_path, capfd, monkeypatch, scan):
 @pytest.fixture
 def no_work(monkeypatch):
     """Fail the test when an operator runs: what can be known before must be said before."""
-    for name in ("estimate_normals", "reconstruct_surface"):
-        monkeypatch.setattr(operators, name, lambda *_, **__: pytest.fail("computed in vain"))
+    for module, name in ((normals, "estimate_normals"), (surfaces, "reconstruct_surface")):
+        monkeypatch.setattr(module, name, lambda *_, **__: pytest.fail("computed in vain"))
 
 
 @pytest.mark.usefixtures("no_work")

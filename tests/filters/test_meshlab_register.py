@@ -67,7 +67,7 @@ def test_unregister_takes_everything_back(ms: Any) -> None:
 
 def test_the_algorithm_never_imports_pymeshlab(tmp_path: Path) -> None:
     code = (
-        "import sys, o3d_sofnn.pipeline, o3d_sofnn.operators, o3d_sofnn.files.point_files;"
+        "import sys, o3d_sofnn.pipeline, o3d_sofnn.operators.surfaces, o3d_sofnn.files.point_files;"
         "sys.exit('pymeshlab' in sys.modules)"
     )
     run = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=False)

@@ -126,9 +126,6 @@ def test_search_params_are_understood():
     assert adapters.read_search_param(geometry.KDTreeSearchParamKNN(20)) == (20, None)
     assert adapters.read_search_param(geometry.KDTreeSearchParamRadius(0.5)) == (None, 0.5)
     assert adapters.read_search_param(geometry.KDTreeSearchParamHybrid(0.5, 20)) == (20, 0.5)
-    for max_nn, radius in ((20, None), (None, 0.5), (20, 0.5), (None, None)):
-        made = adapters.make_search_param(max_nn, radius)
-        assert adapters.read_search_param(made) == (max_nn, radius)
 
 
 @pytest.mark.parametrize(
@@ -243,8 +240,9 @@ def test_a_viewpoint_for_each_point_keeps_the_order(make_cloud, normals_of, capl
 
 
 def test_without_open3d_the_message_says_what_to_type(monkeypatch):
+    cloud = type("PointCloud", (), {"__module__": "open3d.geometry"})()
     monkeypatch.setitem(sys.modules, "open3d", None)
     with pytest.raises(ImportError, match="pip install open3d-cpu"):
-        o3d_sofnn.estimate_normals(object())
+        o3d_sofnn.estimate_normals(cloud)
     with pytest.raises(ImportError, match="pip install open3d-cpu"):
-        o3d_sofnn.reconstruct_surface(object())
+        o3d_sofnn.reconstruct_surface(cloud)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn import _kernels
+from o3d_sofnn._kernels import intersecting_pairs, undo_turns, vertex_normals
 from o3d_sofnn.meshing.repair.untangling import untangle
 
 STRAIGHTENINGS = 5
@@ -95,7 +95,7 @@ def straightened(vertices: Array, triangles: Triangles, spacing: Array) -> Array
     rim = np.flatnonzero(before >= 0)
     if not len(rim):
         return vertices
-    normals = np.asarray(_kernels.vertex_normals(vertices, triangles))[rim]
+    normals = np.asarray(vertex_normals(vertices, triangles))[rim]
     moved = vertices.copy()
     for _ in range(STRAIGHTENINGS):
         middle = 0.5 * (moved[before[rim]] + moved[after[rim]])
@@ -104,7 +104,7 @@ def straightened(vertices: Array, triangles: Triangles, spacing: Array) -> Array
         length = np.maximum(np.linalg.norm(way, axis=1), 1e-300)
         way *= np.minimum(1.0, AWAY * spacing[rim] / length)[:, None]
         moved[rim] = vertices[rim] + way
-    return np.asarray(_kernels.undo_turns(vertices, moved, triangles, TURN))
+    return np.asarray(undo_turns(vertices, moved, triangles, TURN))
 
 
 def _neighbors(triangles: Triangles, n: int) -> tuple[Index, Index]:
@@ -151,7 +151,7 @@ def _joined(vertices: Array, triangles: Triangles, spacing: Array, n_threads: in
             band = fewer
         joined = np.concatenate([inner, rows[band].astype(np.int32)])
         suspect = np.arange(len(joined)) >= len(inner)
-        pairs = np.asarray(_kernels.intersecting_pairs(vertices, joined, suspect, n_threads))
+        pairs = np.asarray(intersecting_pairs(vertices, joined, suspect, n_threads))
         if not len(pairs):
             return joined
         kept[joined[pairs.ravel()]] = True

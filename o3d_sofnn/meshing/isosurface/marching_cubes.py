@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn import _kernels
+from o3d_sofnn._kernels import marching_cubes as native_marching_cubes
 from o3d_sofnn.meshing.repair.untangling import untangle
 
 CORNERS = np.array([(c & 1, c >> 1 & 1, c >> 2 & 1) for c in range(8)], np.int64)
@@ -154,7 +154,7 @@ def marching_cubes(
     triangles : (t, 3) int32
         Outward, cube by cube. None cuts another one.
     """
-    result = _kernels.marching_cubes(values, nodes, cubes, *both_tables(), EDGE_ENDS, NUDGES)
+    result = native_marching_cubes(values, nodes, cubes, *both_tables(), EDGE_ENDS, NUDGES)
     vertices, triangles, uneven, inner = map(np.asarray, result)
     if not len(uneven):
         return vertices, triangles

@@ -13,8 +13,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn import _kernels
-from o3d_sofnn._kernels import KdTree
+from o3d_sofnn._kernels import KdTree, handle_edges, intersecting_pairs, label_pieces
+from o3d_sofnn._kernels import open_handles as native_open_handles
 from o3d_sofnn.meshing.repair.relaxation import smooth_closings
 
 REACH = 3.0
@@ -90,14 +90,14 @@ def _cut(
     for _ in range(ROUNDS):
         if not has_handles(vertices, triangles):
             break
-        edges = np.asarray(_kernels.handle_edges(vertices, triangles))
+        edges = np.asarray(handle_edges(vertices, triangles))
         ends = np.stack([edges, edges + np.where(edges % 3 < 2, 1, -2)])
         middles = vertices[triangles.ravel()[ends]].mean(axis=0)
         reach = REACH * spacing(middles)
         if len(left):
             free = _nearest(left, middles, 1)[0] > reach
             edges, middles, reach = edges[free], middles[free], reach[free]
-        opened = _kernels.open_handles(vertices, triangles, edges, reach)
+        opened = native_open_handles(vertices, triangles, edges, reach)
         vertices, changed, like, touched = map(np.asarray, opened)
         source, on_cut = source[like], on_cut[like] | (touched > 0)
         seeds.append(middles)
@@ -115,7 +115,7 @@ def _nearest(points: Array, x: Array, n_threads: int) -> tuple[Array, NDArray[np
 
 def has_handles(vertices: Array, triangles: Triangles) -> bool:
     """Whether a closed mesh has a genus above zero: by its Euler characteristic, V - T / 2."""
-    pieces = int(np.asarray(_kernels.label_pieces(triangles, len(vertices))).max(initial=-1)) + 1
+    pieces = int(np.asarray(label_pieces(triangles, len(vertices))).max(initial=-1)) + 1
     return 2 * len(vertices) - len(triangles) < 4 * pieces
 
 
@@ -129,7 +129,7 @@ def _draw_back(
             near[triangles[near[triangles].any(axis=1)]] = True
         vertices = smooth_closings(vertices, triangles, np.where(near, 0.0, 1.0))
         moved = np.asarray(near[triangles].any(axis=1))
-        pairs = np.asarray(_kernels.intersecting_pairs(vertices, triangles, moved, n_threads))
+        pairs = np.asarray(intersecting_pairs(vertices, triangles, moved, n_threads))
         crossing = triangles[pairs.ravel()].ravel()
         if not len(crossing):
             break

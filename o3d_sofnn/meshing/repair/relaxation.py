@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
-from o3d_sofnn import _kernels
+from o3d_sofnn._kernels import bent_vertices, surroundings, undo_turns
 
 if TYPE_CHECKING:
     from o3d_sofnn.implicit.field import Evaluate
@@ -61,12 +61,12 @@ def relax(
     support : (m,) float64
         Where the vertices went along the surface.
     """
-    normals, ways, lengths = map(np.asarray, _kernels.surroundings(vertices, triangles))
+    normals, ways, lengths = map(np.asarray, surroundings(vertices, triangles))
     stepped = vertices + SHARE * ways
     values, support = evaluate(stepped)
     back = np.where(support > 0.0, np.clip(values, -REACH * lengths, REACH * lengths), 0.0)
     stepped -= back[:, None] * normals
-    moved = np.asarray(_kernels.undo_turns(vertices, stepped, triangles, TURN))
+    moved = np.asarray(undo_turns(vertices, stepped, triangles, TURN))
     return smooth_closings(moved, triangles, support), support
 
 
@@ -134,8 +134,8 @@ def balance_chords(vertices: Array, triangles: NDArray[np.int32], share: float) 
     """
     if share == 0.0:
         return vertices
-    normals = np.asarray(_kernels.surroundings(vertices, triangles)[0])
-    bent = np.asarray(_kernels.bent_vertices(vertices, triangles, normals, SMOOTH)) > 0
+    normals = np.asarray(surroundings(vertices, triangles)[0])
+    bent = np.asarray(bent_vertices(vertices, triangles, normals, SMOOTH)) > 0
     ends = triangles.ravel()
     own = np.einsum("md,md->m", normals, vertices)[ends].reshape(-1, 3).sum(axis=1)
     facing, middle = (

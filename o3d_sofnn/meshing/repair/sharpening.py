@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn import _kernels
+from o3d_sofnn._kernels import bent_vertices, surroundings, undo_turns
 
 if TYPE_CHECKING:
     from o3d_sofnn.implicit.field import Evaluate
@@ -73,8 +73,8 @@ def sharpen(
     (m, 3) float64
         Vertices; smooth parts stay as they are.
     """
-    normals, _, lengths = map(np.asarray, _kernels.surroundings(vertices, triangles))
-    sharp = np.asarray(_kernels.bent_vertices(vertices, triangles, normals, SHARP)) > 0
+    normals, _, lengths = map(np.asarray, surroundings(vertices, triangles))
+    sharp = np.asarray(bent_vertices(vertices, triangles, normals, SHARP)) > 0
     around = triangles[sharp[triangles].any(axis=1)]
     if not len(around):
         return vertices
@@ -106,7 +106,7 @@ def _move_in_turn(vertices: Array, aims: Array, ways: Array, triangles: NDArray[
             np.minimum.at(first, triangles.ravel(), np.repeat(number[triangles].min(axis=1), 3))
             moving = waiting & (number == first)
         moved = np.where(moving[:, None], aims, vertices)
-        vertices = np.asarray(_kernels.undo_turns(vertices, moved, triangles, TURN))
+        vertices = np.asarray(undo_turns(vertices, moved, triangles, TURN))
         waiting = waiting & ~moving
     return vertices
 

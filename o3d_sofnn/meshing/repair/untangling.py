@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn import _kernels
+from o3d_sofnn._kernels import intersecting_pairs
 
 Array = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ def untangle(steps: Sequence[Array], triangles: Triangles, n_threads: int) -> Ar
     suspect = (vertices != steps[0]).any(axis=1)[triangles].any(axis=1)
     way = np.zeros(len(vertices))
     while suspect.any():
-        pairs = np.asarray(_kernels.intersecting_pairs(vertices, triangles, suspect, n_threads))
+        pairs = np.asarray(intersecting_pairs(vertices, triangles, suspect, n_threads))
         corners = triangles[pairs].reshape(-1, 6)
         used = np.unique(corners)
         way[used] = 0.0

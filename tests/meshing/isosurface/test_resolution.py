@@ -12,9 +12,8 @@ from o3d_sofnn.meshing.isosurface.resolution import (
     choose_levels,
     choose_voxel_size,
     flat_edges,
-    local_spacing,
-    spacing_around,
 )
+from o3d_sofnn.meshing.isosurface.spacing import local_spacing, spacing_around
 from o3d_sofnn.pipeline import estimate_normals, reconstruct_surface
 
 

@@ -1,0 +1,205 @@
+"""What users hold their points in, and what they get back: arrays, Open3D, trimesh, PyVista.
+
+A library is never imported to find out: who has an object of it has imported it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from o3d_sofnn import adapters, validation
+from o3d_sofnn.adapters import CloudArrays
+
+Array = NDArray[np.float64]
+
+
+class Family(Protocol):
+    """How to read clouds of a kind, and to write what was found."""
+
+    def read(self, pcd: Any) -> CloudArrays:
+        """Return copies of the arrays of a cloud; a ``ValueError`` names what does not fit."""
+
+    def with_normals(self, pcd: Any, normals: Array) -> Any:
+        """Return what ``estimate_normals`` returns for (n, 3) normals."""
+
+    def mesh(
+        self,
+        pcd: Any,
+        vertices: Array,
+        triangles: NDArray[np.integer[Any]],
+        vertex_normals: Array,
+        attributes: Mapping[str, NDArray[Any]],
+    ) -> Any:
+        """Return what ``reconstruct_surface`` returns for a mesh."""
+
+
+def family_of(pcd: Any) -> Family:
+    """Return the family of a cloud; what is of no known library is taken for an array."""
+    if isinstance(pcd, CloudArrays):
+        return Held()
+    names = {f"{base.__module__.partition('.')[0]}.{base.__name__}" for base in type(pcd).__mro__}
+    if any(name.startswith("open3d.") for name in names):
+        return Open3D()
+    if "trimesh.PointCloud" in names:
+        return Trimesh()
+    if names & {"pyvista.PolyData", "pyvista.PointSet"}:
+        return PyVista()
+    return Arrays()
+
+
+class Arrays:
+    """An (n, 3) array, or what can be made one: normals and a mesh are arrays too."""
+
+    def read(self, pcd: Any) -> CloudArrays:
+        """See :class:`Family`."""
+        try:
+            array = np.array(pcd)
+        except ValueError as error:  # rows of different lengths
+            raise ValueError(f"points: expected shape (n, 3): {error}") from error
+        if array.ndim == 0:
+            raise ValueError(
+                "pcd: expected an (n, 3) array, a PointCloud of Open3D or trimesh, or a PolyData "
+                f"of PyVista, got {type(pcd).__name__}"
+            )
+        return CloudArrays(validation.check_array(array, "points"))
+
+    def with_normals(self, pcd: Any, normals: Array) -> Array:
+        """Return the normals."""
+        return normals
+
+    def mesh(
+        self,
+        pcd: Any,
+        vertices: Array,
+        triangles: NDArray[np.integer[Any]],
+        vertex_normals: Array,
+        attributes: Mapping[str, NDArray[Any]],
+    ) -> tuple[Array, NDArray[np.integer[Any]]]:
+        """Return vertices and triangles."""
+        return vertices, triangles
+
+
+class Open3D:
+    """Legacy and tensor clouds of Open3D: normals are written in place, meshes of the same kind."""
+
+    def read(self, pcd: Any) -> CloudArrays:
+        """See :class:`Family`."""
+        return adapters.read_cloud(pcd)
+
+    def with_normals(self, pcd: Any, normals: Array) -> Any:
+        """Write the normals into the cloud and return it."""
+        adapters.write_normals(pcd, normals)
+        return pcd
+
+    def mesh(
+        self,
+        pcd: Any,
+        vertices: Array,
+        triangles: NDArray[np.integer[Any]],
+        vertex_normals: Array,
+        attributes: Mapping[str, NDArray[Any]],
+    ) -> Any:
+        """Return a TriangleMesh, legacy or tensor as the cloud is."""
+        return adapters.make_mesh(pcd, vertices, triangles, vertex_normals, attributes)
+
+
+class Trimesh:
+    """``trimesh.PointCloud``: normals go into its metadata, meshes are ``trimesh.Trimesh``."""
+
+    def read(self, pcd: Any) -> CloudArrays:
+        """See :class:`Family`."""
+        points = validation.check_array(np.array(pcd.vertices), "pcd")
+        normals = pcd.metadata.get("normals")
+        if normals is not None:
+            normals = validation.check_array(np.array(normals), "pcd: normals")
+        colors = np.array(pcd.colors) if len(pcd.colors) == len(points) else None
+        return CloudArrays(points, normals, {} if colors is None else {"colors": colors / 255.0})
+
+    def with_normals(self, pcd: Any, normals: Array) -> Any:
+        """Write ``pcd.metadata["normals"]`` and return the cloud."""
+        pcd.metadata["normals"] = normals
+        return pcd
+
+    def mesh(
+        self,
+        pcd: Any,
+        vertices: Array,
+        triangles: NDArray[np.integer[Any]],
+        vertex_normals: Array,
+        attributes: Mapping[str, NDArray[Any]],
+    ) -> Any:
+        """Return a Trimesh with vertex normals and, where the cloud has them, colours."""
+        import trimesh
+
+        colors = attributes.get("colors")
+        return trimesh.Trimesh(
+            vertices,
+            triangles,
+            vertex_normals=vertex_normals,
+            vertex_colors=None if colors is None else np.rint(255.0 * colors).astype(np.uint8),
+            process=False,
+        )
+
+
+class PyVista:
+    """``pyvista.PolyData`` and ``PointSet``: normals and a mesh as VTK names them."""
+
+    def read(self, pcd: Any) -> CloudArrays:
+        """See :class:`Family`."""
+        points = validation.check_array(np.array(pcd.points), "pcd")
+        stored = {name: np.array(pcd.point_data[name]) for name in pcd.point_data}
+        normals = stored.pop("Normals", None)
+        if normals is not None:
+            normals = validation.check_array(normals, "pcd: Normals")
+        return CloudArrays(points, normals, {k: v.reshape(len(v), -1) for k, v in stored.items()})
+
+    def with_normals(self, pcd: Any, normals: Array) -> Any:
+        """Write ``pcd.point_data["Normals"]`` and return the cloud."""
+        pcd.point_data["Normals"] = normals
+        return pcd
+
+    def mesh(
+        self,
+        pcd: Any,
+        vertices: Array,
+        triangles: NDArray[np.integer[Any]],
+        vertex_normals: Array,
+        attributes: Mapping[str, NDArray[Any]],
+    ) -> Any:
+        """Return a PolyData with normals and the attributes of the points."""
+        import pyvista
+
+        faces = np.column_stack([np.full(len(triangles), 3), triangles])
+        mesh = pyvista.PolyData(vertices, faces.ravel())
+        mesh.point_data["Normals"] = vertex_normals
+        for name, values in attributes.items():
+            mesh.point_data[name] = values[:, 0] if values.shape[1] == 1 else values
+        return mesh
+
+
+class Held:
+    """What a file held: for programs that need no library to hold it in."""
+
+    def read(self, pcd: CloudArrays) -> CloudArrays:
+        """See :class:`Family`."""
+        return pcd
+
+    def with_normals(self, pcd: CloudArrays, normals: Array) -> CloudArrays:
+        """Return the same with normals."""
+        return replace(pcd, normals=normals)
+
+    def mesh(
+        self,
+        pcd: CloudArrays,
+        vertices: Array,
+        triangles: NDArray[np.integer[Any]],
+        vertex_normals: Array,
+        attributes: Mapping[str, NDArray[Any]],
+    ) -> tuple[CloudArrays, NDArray[np.integer[Any]]]:
+        """Return the vertices with all that they carry, and the triangles."""
+        return CloudArrays(vertices, vertex_normals, dict(attributes)), triangles
