@@ -81,7 +81,8 @@ class Quality:
         parts = [
             f"{100.0 * self.near:.1f} % of the points within a spacing",
             f"{100.0 * self.invented:.1f} % of the area invented",
-            f"{self.components} components, {self.crumbs} of them crumbs",
+            f"{self.components} component{'' if self.components == 1 else 's'}, "
+            f"{self.crumbs} of them crumbs",
         ]
         if self.seen is not None:
             parts.append(f"{100.0 * self.seen:.1f} % face the viewpoint")
