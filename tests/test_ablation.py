@@ -13,7 +13,7 @@ import open3d as o3d
 import pytest
 from shapes import angles, box, join, torus
 
-from o3d_sofnn import _kernels, pipeline
+from o3d_sofnn import pipeline
 from o3d_sofnn.implicit import units
 
 SHAPES = [
@@ -24,16 +24,11 @@ SHAPES = [
 LEAST = 1.05
 
 
-class _MiddlesOfRuns:
-    """The kernels, but typical data are points at even steps along a cell."""
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(_kernels, name)
-
-    def typical_data(self, x: Any, offsets: Any, clusters: Any, *_: Any) -> Any:
-        cells = zip(offsets[:-1], offsets[1:], clusters, strict=True)
-        rows = [np.linspace(first, last - 1, count) for first, last, count in cells]
-        return x[np.concatenate(rows).astype(int)]
+def _middles_of_runs(x: Any, offsets: Any, clusters: Any, *_: Any) -> Any:
+    """Return points at even steps along each cell, in place of typical data."""
+    cells = zip(offsets[:-1], offsets[1:], clusters, strict=True)
+    rows = [np.linspace(first, last - 1, count) for first, last, count in cells]
+    return x[np.concatenate(rows).astype(int)]
 
 
 reconstruct_units = units.reconstruct_units
@@ -54,7 +49,7 @@ def _no_rules(*_: Any) -> Any:
 
 
 WITHOUT: dict[str, tuple[str, Callable[..., Any] | object]] = {
-    "fuzzy c-means": ("o3d_sofnn.sampling.typical_data._kernels", _MiddlesOfRuns()),
+    "fuzzy c-means": ("o3d_sofnn.sampling.typical_data.native_typical_data", _middles_of_runs),
     "off-line rules": ("o3d_sofnn.pipeline.shipped", lambda: None),
     "generation": ("o3d_sofnn.rules.growth.generate", _no_rules),
     "combination": ("o3d_sofnn.rules.growth.combine", lambda rules, _: rules),

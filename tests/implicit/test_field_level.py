@@ -7,6 +7,7 @@ import pytest
 from shapes import sphere
 
 from o3d_sofnn import pipeline
+from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.implicit.field import LONE, Field
 from o3d_sofnn.implicit.units import local_surfaces
 
@@ -17,7 +18,7 @@ SPACING = np.sqrt(4.0 * np.pi / 3000)
 def level(points, normals):
     """Level of a field whose rules are those of the ball alone."""
     rules = pipeline.estimate_normals(BALL.points, n_threads=1).rules
-    tree = pipeline.KdTree(points, 1)
+    tree = KdTree(points, 1)
     _, surfaces = local_surfaces(rules, points, normals, tree, 1, None)
     return Field(rules, surfaces, points, normals, np.full(len(points), SPACING), 1).level
 

@@ -8,7 +8,7 @@ from scans import scenes
 from scipy.spatial.transform import Rotation
 from shapes import CLOSED, Shape, box, join, plane_patch, sphere
 
-from o3d_sofnn import pipeline
+from o3d_sofnn import algorithm1
 from o3d_sofnn.orientation.evidence import Evidence
 from o3d_sofnn.orientation.lattice import is_depth_image
 from o3d_sofnn.orientation.viewpoint import seen_sides
@@ -127,7 +127,7 @@ def test_a_doubtful_station_is_believed_of_open_surfaces_only(monkeypatch):
     for side in (1.0, -1.0):
         station = Station(np.array([9.0 * side, 0.0, 0.0]))
         said = Evidence("density", "", {"hidden": 0.1}, station, sure=False)
-        monkeypatch.setattr(pipeline, "found", lambda *_, said=said: said)
+        monkeypatch.setattr(algorithm1, "found", lambda *_, said=said: said)
         found = estimate_normals(shape.points)
         assert found.evidence.kind == "density"
         assert ((found.normals * shape.normals).sum(axis=1)[:2000] > 0.0).all()

@@ -18,7 +18,7 @@ from normals import planes
 from numpy.typing import NDArray
 from truth import Case, Cloud, draw, parser
 
-from o3d_sofnn import pipeline
+from o3d_sofnn import algorithm1, pipeline
 from o3d_sofnn._kernels import KdTree, fit_scales
 from o3d_sofnn.geometry.vectors import bounds
 from o3d_sofnn.orientation.winding_normals import orient_points
@@ -108,14 +108,14 @@ def stages(cloud: Cloud) -> Iterator[tuple[str, float]]:
     yield "+ scale refined with sides", error
     with (
         patch.object(pipeline, "shipped", lambda: None),
-        patch.object(pipeline, "leaned", lambda normals, *_: normals),
+        patch.object(algorithm1, "leaned", lambda normals, *_: normals),
     ):
         with patch("o3d_sofnn.rules.growth.revise", lambda rules, *_: rules):
             error = cloud.error(pipeline.estimate_normals(cloud.points).normals)
             yield "+ growth, combination, adjustment, second fits", error
         error = cloud.error(pipeline.estimate_normals(cloud.points).normals)
         yield "+ third fits beside edges and other sheets", error
-    with patch.object(pipeline, "leaned", lambda normals, *_: normals):
+    with patch.object(algorithm1, "leaned", lambda normals, *_: normals):
         error = cloud.error(pipeline.estimate_normals(cloud.points).normals)
         yield "+ off-line rules", error
     error = cloud.error(pipeline.estimate_normals(cloud.points).normals)

@@ -32,6 +32,8 @@ SECONDS = 60
 """Processor time from which on a call hangs."""
 COARSE = 1e-5
 """Rounding of coordinates over the length of edges from which on triangles may lie on others."""
+REACH = 1.5
+"""Extents that a mesh may reach beyond the inliers: one, and what rounding of cubes adds."""
 BATCH = 200
 """Calls that a process makes; the next one begins anew, or behind the call that ended it."""
 
@@ -110,9 +112,22 @@ def _mesh_fault(found: pipeline.SurfaceEstimate, case: odd_clouds.Case) -> str:
         return "mesh says of itself what it is not"
     if case.options.get("closed") is True and not closed:
         return "mesh is not closed"
+    if not {"depth", "voxel_size"} & case.options.keys() and _is_far_out(found, case):
+        return "mesh reaches far beyond the points"
     if closed and _cuts_itself(found.vertices, triangles):
         return "mesh cuts itself"
     return "mesh" if closed else "open mesh"
+
+
+def _is_far_out(found: pipeline.SurfaceEstimate, case: odd_clouds.Case) -> bool:
+    """Whether the mesh reaches much farther beyond the box of the inliers than that is long."""
+    inliers = case.points[~found.normals.outliers]
+    if not len(inliers):
+        return False
+    low, high = inliers.min(axis=0), inliers.max(axis=0)
+    extent = float((high - low).max())
+    beyond = np.maximum(low - found.vertices, found.vertices - high).max()
+    return bool(beyond > REACH * extent)
 
 
 def _cuts_itself(vertices: Array, triangles: NDArray[np.int32]) -> bool:

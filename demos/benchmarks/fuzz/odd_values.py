@@ -59,6 +59,9 @@ GOOD: dict[str, tuple[Any, ...]] = {
     "print_progress": (False, lambda fraction, text: None),
     "return_details": (True,),
     "search_param": (None,),
+    "fast_normal_computation": (True, False),
+    "max_nn": (6, 40),
+    "radius": (0.5,),
 }
 """Options of the operators, and values that are meant to work."""
 WORDS = (

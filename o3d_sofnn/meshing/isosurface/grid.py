@@ -24,8 +24,9 @@ BITS = 21
 FIELD = 2**BITS - 1
 
 
-MARGIN = 8
-"""Finest cells between the data and the wall of the domain, outside of which there is no inside."""
+MARGIN, LEAST = 8, 2
+"""Finest cells between the data and the wall of the domain, outside of which there is no inside;
+fewer, but no less than the second, where that is more than the data is long."""
 
 
 COARSEST = 16
@@ -54,15 +55,17 @@ class AdaptiveGrid:
 
     def __init__(self, points: NDArray[np.float64], size: float, levels: NDArray[np.int64]) -> None:
         low, high = bounds(points)
-        cells = float((high - low).max()) / size
+        extent = float((high - low).max())
+        cells = extent / size
         if not cells < 2 ** (BITS - 2) - 2**10:
             raise ValueError(
                 f"voxel_size: expected at most 5e5 cubes along one side, got {cells:.3g}"
             )
         self.size = size
         self.top = max(int(np.log2(max(cells / COARSEST, 1.0))), int(levels.max()))
-        self.low = low - MARGIN * size
-        self.high = high + MARGIN * size
+        margin = min(MARGIN * size, max(extent - LEAST * size, LEAST * size))
+        self.low = low - margin
+        self.high = high + margin
         self.origin = self.low - size * (4 << self.top)
         self._points, self._levels = points, levels
 

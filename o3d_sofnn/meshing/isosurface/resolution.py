@@ -14,6 +14,11 @@ SIDE = 1024
 object with n points has about sqrt(n) spacings along its side."""
 
 
+FEWEST = 4
+"""Cubes along the longest side that are never too few: the mesh of a handful of points stays within
+an extent of them."""
+
+
 THIN = 0.6
 """Confidence in the side below which a part is hardly thicker than the cubes, which are halved."""
 
@@ -162,8 +167,9 @@ def choose_voxel_size(
     """
     least = np.maximum(SPACING * spacing, RESOLVED * rules.radius)
     wanted = float(np.median(np.clip(flat, least, COARSER * least)))
-    finest = longest_side(points) / max(SIDE, 1.25 * float(np.sqrt(len(points))))
-    return max(wanted, finest)
+    side = longest_side(points)
+    finest = side / max(SIDE, 1.25 * float(np.sqrt(len(points))))
+    return min(max(wanted, finest), side / FEWEST)
 
 
 def choose_levels(
