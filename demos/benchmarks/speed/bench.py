@@ -25,7 +25,7 @@ from paper_parts.dental_shapes import molar
 from o3d_sofnn.compare.isolated import call
 
 SIZES = {"3714": 3714, "6179": 6179, "100k": 100_000, "400k": 400_000, "1M": 1_000_000}
-LARGE = {"3M": 3_000_000, "10M": 10_000_000}
+LARGE = {"3M": 3_000_000, "5M": 5_000_000, "10M": 10_000_000}
 NOISE = 1e-3
 """Standard deviation of the noise, over the diagonal of the bounding box."""
 MARGIN = 1.1
