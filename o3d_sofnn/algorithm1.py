@@ -34,6 +34,9 @@ from o3d_sofnn.validation import thread_count
 
 Array = NDArray[np.float64]
 
+ALL = 1e9
+"""Radius of a neighbourhood in the unit cube that certainly holds every point."""
+
 
 @dataclass(frozen=True)
 class Learned:
@@ -119,12 +122,11 @@ def learn_rules(
         viewpoint = None if evidence is None else _inside(evidence.viewpoint, cloud)
         hanging = between(cloud.points, viewpoint, samples.scale, threads)
         if hanging.any():
-            samples = samples.without(hanging[samples.kept], limits, threads)
-            samples = steps.floored(samples, threads)
+            samples = samples.parted(hanging[samples.kept], threads)
         seen = None if evidence is None else evidence.directions(points)
         rows = cloud.first[samples.kept]
         known, seen = (None if x is None else x[rows] for x in (normals, seen))
-        if seen is not None:
+        if seen is not None or hanging.any():  # the scale is another one
             samples = steps.floored(samples.seen(seen, limits, threads), threads)
         sides = find_sides(samples, known, seen, threads)
         check_stage("orientation", sides=sides)
@@ -224,7 +226,10 @@ def _fitted(
 
 
 def _limits(options: Options, extent: float) -> Limits:
-    return Limits(options.max_nn, None if options.radius is None else options.radius / extent)
+    """Put the user's limits into the unit cube, where no radius needs to be larger than all of it."""
+    if options.radius is None:
+        return Limits(options.max_nn)
+    return Limits(options.max_nn, min(options.radius / extent, ALL))
 
 
 def _inside(viewpoint: Array | None, cloud: Cloud) -> Array | None:

@@ -112,7 +112,7 @@ def implicit_function(
     Raises
     ------
     ValueError
-        `voxel_size` asks for more than 500,000 cubes along one side.
+        `voxel_size` asks for more than 500,000 cubes along one side, or for less than one.
     """
     threads, cloud, samples = thread_count(options.n_threads), learned.cloud, learned.samples
     facing, residual = facing[samples.kept], residual[samples.kept]
@@ -198,9 +198,17 @@ def triangulate(function: Function, options: Options, clock: Clock) -> Meshed:
 
 
 def _voxel_size(options: Options, inliers: Array, extent: float) -> float | None:
+    longest = longest_side(inliers)
     if options.depth is not None:
-        return float(longest_side(inliers) / 2**options.depth)
-    return None if options.voxel_size is None else options.voxel_size / extent
+        return float(longest / 2**options.depth)
+    if options.voxel_size is None:
+        return None
+    if options.voxel_size > longest * extent:
+        raise ValueError(
+            "voxel_size: expected at most the longest side of the points, "
+            f"{longest * extent:.6g}, got {options.voxel_size:.6g}"
+        )
+    return options.voxel_size / extent
 
 
 def _border(options: Options, function: Function) -> Judge | float | None:

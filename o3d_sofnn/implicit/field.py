@@ -107,7 +107,8 @@ class Field:
         self._spacing = spacing
         self.n_threads = n_threads
         self._view = rules.view(n_threads, trust=trust(rules))
-        weight = np.minimum(self._areas(samples), (LONE * spacing) ** 2)
+        # Lengths are compared: a spacing as long as the user's voxels may be has no finite square.
+        weight = np.minimum(np.sqrt(self._areas(samples)), LONE * spacing) ** 2
         self._dipoles = weight[:, None] * normals
         self._far_tree = WindingTree(samples, weight, n_threads)
         # As in Poisson reconstruction the level is the mean over the samples: 1/2 on closed data.

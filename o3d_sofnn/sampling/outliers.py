@@ -69,8 +69,8 @@ class Samples:
         """Leave out some of the points, (m,) bool, and find the scale of the others."""
         return self.parted(off, n_threads)._scaled(limits, n_threads)
 
-    def seen(self, sight: NDArray[np.float64], limits: Limits, n_threads: int) -> Samples:
-        """Find the scale anew, knowing in which directions, (m, 3), the sensor stood."""
+    def seen(self, sight: NDArray[np.float64] | None, limits: Limits, n_threads: int) -> Samples:
+        """Find the scale anew, knowing in which directions, (m, 3), the sensor stood, if any is."""
         return replace(self, sight=sight)._scaled(limits, n_threads)
 
     def _scaled(self, limits: Limits, n_threads: int) -> Samples:

@@ -128,6 +128,23 @@ def test_where_the_sensor_stood_fits_are_wider_than_the_error_of_its_range():
     assert (seeing.enough(np.full(len(points), 9), points, 1) >= 9).all()
 
 
+@pytest.mark.parametrize("limits", [{"max_nn": 30}, {"radius": 0.015}])
+def test_a_sensor_does_not_widen_fits_beyond_what_the_user_allows(limits):
+    points, sight = rings_below()
+    order = sort_unique(points)[0]
+    points, sight = np.ascontiguousarray(points[order]), sight[order]
+    tree = KdTree(points, 1)
+    free = choose_scale(points, tree, Limits(), 1, sight=sight)
+    held = choose_scale(points, tree, Limits(**limits), 1, sight=sight)
+    size = np.full(len(held.places), SCALES[0])
+    for scale, within in ((free, False), (held, True)):
+        enough = scale.enough(size, held.places, 1)
+        reach = tree.query(held.places, int(enough.max()), np.inf, 1)[0]
+        radius = reach[np.arange(len(reach)), enough - 1]
+        fits = (enough <= limits.get("max_nn", np.inf)) & (radius <= limits.get("radius", np.inf))
+        assert (fits | (enough == SCALES[0])).all() == within
+
+
 def test_a_sensor_that_stood_anywhere_changes_nothing_where_points_are_clean():
     points = sphere(3000).points
     points = np.ascontiguousarray(points[sort_unique(points)[0]])

@@ -32,8 +32,8 @@ SECONDS = 60
 """Processor time from which on a call hangs."""
 COARSE = 1e-5
 """Rounding of coordinates over the length of edges from which on triangles may lie on others."""
-REACH = 1.5
-"""Extents that a mesh may reach beyond the inliers: one, and what rounding of cubes adds."""
+REACH = 1.0
+"""Extents that a mesh may reach beyond the inliers."""
 BATCH = 200
 """Calls that a process makes; the next one begins anew, or behind the call that ended it."""
 

@@ -15,8 +15,8 @@ object with n points has about sqrt(n) spacings along its side."""
 
 
 FEWEST = 4
-"""Cubes along the longest side that are never too few: the mesh of a handful of points stays within
-an extent of them."""
+"""Cubes along the longest side that are never too few, wherever: the mesh of a handful of points
+stays within an extent of them."""
 
 
 THIN = 0.6
@@ -138,7 +138,8 @@ def choose_cubes(
         return voxel_size, voxel_size, np.zeros(len(samples), np.int64)
     flat = flat_edges(rules, n_threads)
     size = choose_voxel_size(points, usual_spacing, rules, flat)
-    return size, *choose_levels(samples, spacing, rules, flat, size, n_threads)
+    most = longest_side(points) / FEWEST
+    return size, *choose_levels(samples, spacing, rules, flat, (size, most), n_threads)
 
 
 def choose_voxel_size(
@@ -177,7 +178,7 @@ def choose_levels(
     spacing: NDArray[np.float64],
     rules: RuleBase,
     flat: NDArray[np.float64],
-    size: float,
+    sizes: tuple[float, float],
     n_threads: int,
 ) -> tuple[float, NDArray[np.int64]]:
     """Halve or double the cubes where the data is denser or sparser, or bent more or less.
@@ -194,8 +195,8 @@ def choose_levels(
         Rules.
     flat : (r,) float64
         What :func:`flat_edges` says of them.
-    size : float
-        Edge of a cube where data is as usual.
+    sizes : (float, float)
+        Edge of a cube where data is as usual, and the longest that any may have.
     n_threads : int
         Threads.
 
@@ -206,11 +207,12 @@ def choose_levels(
     levels : (n,) int64
         The cubes around a sample have an edge of ``finest * 2**level``.
     """
+    size, most = sizes
     nearest = KdTree(rules.centers, n_threads).query(samples, 1, np.inf, n_threads)[1][:, 0]
     # Wide rules are no reason for gaps.
     resolved = np.minimum(RESOLVED * rules.radius[nearest], size)
     least = np.maximum(SPACING * spacing, resolved)
-    wanted = np.clip(flat[nearest], least, COARSER * least)
+    wanted = np.minimum(np.clip(flat[nearest], least, COARSER * least), most)
     steps = np.floor(np.log2(wanted / size) + 1.0 - DOWN).astype(np.int64)
     certain = rules.confidence[nearest]
     thin = (certain > 0.0) & (certain < THIN) & (SPACING * spacing >= resolved)

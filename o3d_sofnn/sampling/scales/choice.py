@@ -98,6 +98,8 @@ class Scale:
         self, n_neighbors: NDArray[np.int64], x: NDArray[np.float64], n_threads: int
     ) -> NDArray[np.int64]:
         """Return sizes, (n,), of neighbourhoods around `x`, at least :attr:`least` there."""
+        if not len(n_neighbors) or self.least.max() <= n_neighbors.min():
+            return n_neighbors
         return np.maximum(n_neighbors, self.least[self.at(x, n_threads)])
 
 
@@ -163,7 +165,7 @@ def choose_scale(
     if sight is not None:
         least = least_facing(normals, unit(sight[rows]), region[:, :NEAR])
     chosen = np.minimum(np.maximum(chosen, least), max(regional.shape[1] - 1, 0))
-    chosen = limit_radius(chosen, radii, limits.radius)
+    chosen, least = (within(some, sizes, radii, limits) for some in (chosen, least))
     telling = (rms < WIDE * radii) & (sizes[: rms.shape[1]] >= ENOUGH)
     smallest = np.where(telling.any(axis=1), telling.argmax(axis=1), chosen)
     rms = untruncated(rms, radii)
@@ -210,13 +212,36 @@ def least_facing(
     return np.asarray(least[near].max(axis=1))
 
 
-def limit_radius(
-    chosen: NDArray[np.int64], radius: NDArray[np.float64], max_radius: float | None
+def within(
+    chosen: NDArray[np.int64],
+    sizes: NDArray[np.int64],
+    radii: NDArray[np.float64],
+    limits: Limits,
 ) -> NDArray[np.int64]:
-    """Choose smaller neighbourhoods where the chosen ones, (p,) of (p, s), are too wide."""
-    if max_radius is None:
-        return chosen
-    return np.asarray(np.minimum(chosen, np.maximum((radius <= max_radius).sum(axis=1) - 1, 0)))
+    """Choose smaller neighbourhoods where the chosen ones are larger than the user allows.
+
+    Parameters
+    ----------
+    chosen : (p,) int64
+        Index of a size at each pilot.
+    sizes : (s,) int64
+        Neighbourhood sizes, ascending.
+    radii : (p, t) float64
+        Radii of the neighbourhoods of the first t sizes.
+    limits : Limits
+        What the user allows.
+
+    Returns
+    -------
+    (p,) int64
+        Index of a size, 0 where not even the smallest is allowed.
+    """
+    allowed = np.ones(radii.shape, bool)
+    if limits.max_nn is not None:
+        allowed &= sizes[: radii.shape[1]] <= limits.max_nn
+    if limits.radius is not None:
+        allowed &= radii <= limits.radius
+    return np.asarray(np.minimum(chosen, np.maximum(allowed.sum(axis=1) - 1, 0)))
 
 
 def sizes_to_try(n_points: int, max_neighbors: int | None) -> NDArray[np.int64]:

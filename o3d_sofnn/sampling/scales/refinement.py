@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.sampling.local_fit import Neighborhoods, fit_quadrics, sides_around
-from o3d_sofnn.sampling.scales.choice import REGION, Limits, Scale, limit_radius, sizes_to_try
+from o3d_sofnn.sampling.scales.choice import REGION, Limits, Scale, sizes_to_try, within
 
 HEIGHTS = 4.0
 """Weight of a difference in height, over the radius of a middling fit, against one in radians."""
@@ -79,6 +79,6 @@ def refine_scale(
     regional = np.einsum("pk,pks->ps", same, difference[region]) / same.sum(axis=1)[:, None]
     chosen = (regional + 0.25 * difference.mean(axis=0)).argmin(axis=1)
     chosen = np.maximum(chosen, np.searchsorted(sizes, scale.least))
-    chosen = limit_radius(np.minimum(chosen, len(sizes) - 1), radius, limits.radius)
+    chosen = within(np.minimum(chosen, len(sizes) - 1), sizes, radius, limits)
     first = np.searchsorted(sizes, scale.n_neighbors)
     return replace(scale, n_neighbors=sizes[(first + chosen + 1) // 2])
