@@ -48,9 +48,10 @@ demo: $(VENV)/.demo
 	$(BIN)/python demos/quickstart.py --quick
 	$(BIN)/python demos/compare.py --quick
 
-# Tests take the installed package: pytest does not put the source tree on the path.
+# Tests take the installed package: pytest does not put the source tree on the path. A process per
+# core, four at most since each takes up to 2 GB; the tests of a file stay together.
 test: lint
-	env -u PYTHONPATH $(BIN)/pytest
+	env -u PYTHONPATH $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist loadfile
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check

@@ -16,7 +16,7 @@ ASKED = 100_000
 
 
 CRUMB = 24
-"""Points on a component below which it is a crumb."""
+"""Points on a component below which it is a crumb, unless it is the largest there is."""
 
 
 MOST_CRUMBS = 20
@@ -194,7 +194,7 @@ def assess(
         near=float((distance <= inliers.reach).mean()),
         invented=float(area[(beyond > 1.0)[triangles].all(axis=1)].sum() / area.sum()),
         components=len(count),
-        crumbs=int((count < CRUMB).sum()),
+        crumbs=int((np.sort(count)[:-1] < CRUMB).sum()),
         border_edges=len(border),
         border_length=float(length.sum()),
         seen=seen,

@@ -62,6 +62,7 @@ def test_components_with_few_points_are_crumbs(ball):
     points = np.concatenate([sphere(200).points, sphere(10).points + step])
     found = check(three, corners, points)
     assert (found.components, found.crumbs) == (3, 2)
+    assert check(vertices, triangles, sphere(10).points).crumbs == 0  # all there is
     many = replace(found, crumbs=40)
     assert any("40 crumbs" in text for text in many.warnings(is_open=True))
 
