@@ -46,7 +46,9 @@ def test_cubes_beside_edges_are_finer(cube):
     points, spacing, rules = cube
     flat = flat_edges(rules, 1)
     size = choose_voxel_size(points, spacing, rules, flat)
-    finest, levels = choose_levels(points, np.full(len(points), spacing), rules, flat, (size, np.inf), 1)
+    finest, levels = choose_levels(
+        points, np.full(len(points), spacing), rules, flat, (size, np.inf), 1
+    )
     assert finest <= 0.8 * spacing < size <= 1.6 * spacing
     near = KdTree(rules.centers, 1).query(points, 1, np.inf, 1)[1][:, 0]
     assert levels[flat[near] == 0.0].max() < levels[flat[near] > 2.0 * size].min()
