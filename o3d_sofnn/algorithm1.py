@@ -226,7 +226,7 @@ def _fitted(
 
 
 def _limits(options: Options, extent: float) -> Limits:
-    """Put the limits of the user into the unit cube; no radius needs to be larger than all of it."""
+    """Put the limits of the user into the unit cube, where no radius needs to be larger."""
     if options.radius is None:
         return Limits(options.max_nn)
     return Limits(options.max_nn, min(options.radius / extent, ALL))
