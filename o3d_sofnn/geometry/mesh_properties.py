@@ -24,6 +24,13 @@ def boundary_edges(triangles: Triangles) -> NDArray[np.int64]:
     return np.asarray(edges[counts == 1])
 
 
+def with_corner_in(marked: NDArray[np.bool_], triangles: Triangles) -> NDArray[np.bool_]:
+    """Tell of each triangle, ``(f,)``, whether any of its corners is one of the marked vertices."""
+    # Three gathers: numpy reduces rows of three far more slowly.
+    a, b, c = (marked[triangles[:, corner]] for corner in range(3))
+    return np.asarray(a | b | c)
+
+
 def is_closed(triangles: Triangles) -> bool:
     """Tell whether there are triangles, and no edge belongs to one triangle alone."""
     return len(triangles) > 0 and len(boundary_edges(triangles)) == 0

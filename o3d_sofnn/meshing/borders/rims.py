@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import intersecting_pairs, undo_turns, vertex_normals
+from o3d_sofnn.geometry.mesh_properties import with_corner_in
 from o3d_sofnn.meshing.repair.untangling import untangle
 
 STRAIGHTENINGS = 5
@@ -135,17 +136,18 @@ def _joined(vertices: Array, triangles: Triangles, spacing: Array, n_threads: in
     rim = _neighbors(triangles, len(vertices))[0] >= 0
     if not rim.any():
         return triangles
-    beside = rim[triangles].any(axis=1)
+    beside = with_corner_in(rim, triangles)
     inner, kept = triangles[~beside], np.zeros(len(vertices), bool)
     # The band along the rims has its own numbers: the rest of the mesh costs nothing.
     in_band = np.zeros(len(vertices), bool)
     in_band[triangles[beside]] = True
     rows = np.flatnonzero(in_band)
     number = np.cumsum(in_band, dtype=np.int32) - 1
+    own, places, apart = number[triangles[beside]], vertices[rows], spacing[rows]
     for _ in range(ATTEMPTS):
-        band = number[triangles[beside]]
+        band, free = own, (rim & ~kept)[rows]
         for _ in range(ROUNDS):
-            fewer = _join(vertices[rows], band, spacing[rows], (rim & ~kept)[rows])
+            fewer = _join(places, band, apart, free)
             if len(fewer) == len(band):
                 break
             band = fewer

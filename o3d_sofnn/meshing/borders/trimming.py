@@ -7,6 +7,7 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree, label_pieces
+from o3d_sofnn.geometry.mesh_properties import with_corner_in
 
 SAMPLES = 24
 """Fewest samples on a piece of surface that is kept."""
@@ -155,16 +156,17 @@ def smoothed(
     (m,) float64
     """
     below = values < level
-    at = below[triangles]
     near = np.zeros(len(values), bool)
-    near[triangles[at.any(axis=1) & ~at.all(axis=1)]] = True
+    crossed = with_corner_in(below, triangles) & with_corner_in(~below, triangles)
+    near[triangles[crossed]] = True
     for _ in range(RINGS):
-        near[triangles[near[triangles].any(axis=1)]] = True
+        near[triangles[with_corner_in(near, triangles)]] = True
     rows = np.flatnonzero(near)
     number = np.full(len(values), -1)
     number[rows] = np.arange(len(rows))
     # Each edge is met once in each direction, so the followers of a vertex are its neighbours.
-    start, end = triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
+    own = triangles[with_corner_in(near, triangles)]
+    start, end = own.ravel(), own[:, [1, 2, 0]].ravel()
     own = near[start]
     start, end = start[own], end[own]
     count = np.maximum(np.bincount(number[start], minlength=len(rows)), 1)

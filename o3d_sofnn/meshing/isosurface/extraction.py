@@ -17,10 +17,6 @@ BLOCK = 2**18
 """Places that are looked at together: each needs some thirty numbers on the way."""
 
 
-WALL = 16.0
-"""Factor of the far field beside the wall of the domain."""
-
-
 def extract(
     evaluate: Evaluate,
     seeds: NDArray[np.float64],
@@ -74,9 +70,9 @@ def _walled(
     """Evaluate in the middle of leaves; outside of the box of the domain all is outside."""
     x = grid.positions(leaves)
     values, support = evaluate(x)
-    # Far away only the sign counts. Large values let the wall cut straight.
     edge = grid.edges(leaves)
+    # Far away only the sign counts; beside the wall the distance from it puts the surface there.
+    values = np.where(support > 0.0, values, values * edge)
     wall = np.maximum(grid.low - x, x - grid.high).max(axis=1)
     at_wall = wall > -2.0 * grid.size * edge
-    values = np.where(support > 0.0, values, values * edge * np.where(at_wall, WALL, 1.0))
-    return np.asarray(np.maximum(values, wall))
+    return np.where(at_wall & (values < 0.0), wall, np.maximum(values, wall))

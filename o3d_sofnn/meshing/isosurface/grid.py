@@ -25,8 +25,13 @@ FIELD = 2**BITS - 1
 
 
 MARGIN, LEAST = 8, 2
-"""Finest cells between the data and the wall of the domain, outside of which there is no inside;
-fewer, but no less than the second, where that is more than the data is long."""
+"""Finest cells between the data and the wall of the domain, outside of which there is no inside:
+fewer where cells are so coarse that they would be more than :data:`BEYOND`, but at least two."""
+
+
+BEYOND = 0.4
+"""Most of the longest side of the data that the wall is away from it. Steps that move vertices go
+as far again at most, so that no mesh reaches more than a longest side beyond its data."""
 
 
 COARSEST = 16
@@ -63,7 +68,7 @@ class AdaptiveGrid:
             )
         self.size = size
         self.top = max(int(np.log2(max(cells / COARSEST, 1.0))), int(levels.max()))
-        margin = min(MARGIN * size, max(extent - LEAST * size, LEAST * size))
+        margin = min(MARGIN * size, max(BEYOND * extent, LEAST * size))
         self.low = low - margin
         self.high = high + margin
         self.origin = self.low - size * (4 << self.top)

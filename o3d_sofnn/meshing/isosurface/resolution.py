@@ -14,7 +14,7 @@ SIDE = 1024
 object with n points has about sqrt(n) spacings along its side."""
 
 
-FEWEST = 4
+FEWEST = 6
 """Cubes along the longest side that are never too few, wherever: the mesh of a handful of points
 stays within an extent of them."""
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree, handle_edges, intersecting_pairs, label_pieces
 from o3d_sofnn._kernels import open_handles as native_open_handles
+from o3d_sofnn.geometry.mesh_properties import with_corner_in
 from o3d_sofnn.meshing.repair.relaxation import smooth_closings
 
 REACH = 3.0
@@ -126,9 +127,9 @@ def _draw_back(
     near, rings = on_cut.copy(), RINGS
     for _ in range(SMOOTHINGS):
         for _ in range(rings):
-            near[triangles[near[triangles].any(axis=1)]] = True
+            near[triangles[with_corner_in(near, triangles)]] = True
         vertices = smooth_closings(vertices, triangles, np.where(near, 0.0, 1.0))
-        moved = np.asarray(near[triangles].any(axis=1))
+        moved = with_corner_in(near, triangles)
         pairs = np.asarray(intersecting_pairs(vertices, triangles, moved, n_threads))
         crossing = triangles[pairs.ravel()].ravel()
         if not len(crossing):

@@ -9,6 +9,7 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import bent_vertices, surroundings, undo_turns
+from o3d_sofnn.geometry.mesh_properties import with_corner_in
 
 if TYPE_CHECKING:
     from o3d_sofnn.implicit.field import Evaluate
@@ -88,7 +89,8 @@ def smooth_closings(vertices: Array, triangles: NDArray[np.int32], support: Arra
     loose = np.flatnonzero(support < LOOSE)
     row = np.full(len(vertices), -1)
     row[loose] = np.arange(len(loose))
-    ends, following = triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
+    around = triangles[with_corner_in(row >= 0, triangles)]
+    ends, following = around.ravel(), around[:, [1, 2, 0]].ravel()
     of_loose = row[ends] >= 0
     count = np.bincount(row[ends[of_loose]], minlength=len(loose))
     mean = scipy.sparse.csr_matrix(

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import bent_vertices, surroundings, undo_turns
+from o3d_sofnn.geometry.mesh_properties import with_corner_in
 
 if TYPE_CHECKING:
     from o3d_sofnn.implicit.field import Evaluate
@@ -28,6 +29,10 @@ STEP = 0.1
 
 SLOPE = (0.3, 3.0)
 """Length of the gradient of a distance-like function; elsewhere its zero is not looked for."""
+
+
+SUPPORTED = 0.5
+"""Support by the data above which planes are looked for, and vertices moved to where they meet."""
 
 
 DISTINCT = 0.05
@@ -75,7 +80,7 @@ def sharpen(
     """
     normals, _, lengths = map(np.asarray, surroundings(vertices, triangles))
     sharp = np.asarray(bent_vertices(vertices, triangles, normals, SHARP)) > 0
-    around = triangles[sharp[triangles].any(axis=1)]
+    around = triangles[with_corner_in(sharp, triangles)]
     if not len(around):
         return vertices
     middle = vertices[around].mean(axis=1)
@@ -89,7 +94,10 @@ def sharpen(
     ways[chosen] = np.linalg.norm(steps, axis=1) / lengths[chosen]
     aims = vertices.copy()
     aims[chosen] += steps
-    return _move_in_turn(vertices, aims, np.where(ways < REACH, ways, np.inf), around)
+    # Planes of sparse data may meet where there is none.
+    near = np.zeros(len(vertices), bool)
+    near[chosen] = evaluate(aims[chosen])[1] > SUPPORTED
+    return _move_in_turn(vertices, aims, np.where(near & (ways < REACH), ways, np.inf), around)
 
 
 def _move_in_turn(vertices: Array, aims: Array, ways: Array, triangles: NDArray[np.int32]) -> Array:
@@ -138,7 +146,7 @@ def touching_planes(
     values = values.reshape(4, -1)
     gradient = ((values[1:] - values[0]) / step).T
     slope = np.linalg.norm(gradient, axis=1)
-    valid = (slope > SLOPE[0]) & (slope < SLOPE[1]) & (support[: len(x)] > 0.5)
+    valid = (slope > SLOPE[0]) & (slope < SLOPE[1]) & (support[: len(x)] > SUPPORTED)
     normals = gradient / np.maximum(slope, SLOPE[0])[:, None]
     feet = x - (values[0] / np.maximum(slope, SLOPE[0]))[:, None] * normals
     return feet, normals, valid

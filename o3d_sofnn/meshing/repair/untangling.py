@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import intersecting_pairs
+from o3d_sofnn.geometry.mesh_properties import with_corner_in
 
 Array = NDArray[np.float64]
 
@@ -40,7 +41,7 @@ def untangle(steps: Sequence[Array], triangles: Triangles, n_threads: int) -> Ar
     """
     vertices = steps[-1].copy()
     stage = np.full(len(vertices), len(steps) - 1)
-    suspect = (vertices != steps[0]).any(axis=1)[triangles].any(axis=1)
+    suspect = with_corner_in((vertices != steps[0]).any(axis=1), triangles)
     way = np.zeros(len(vertices))
     while suspect.any():
         pairs = np.asarray(intersecting_pairs(vertices, triangles, suspect, n_threads))
@@ -61,5 +62,5 @@ def untangle(steps: Sequence[Array], triangles: Triangles, n_threads: int) -> Ar
             stage[own] -= 1
         went = np.zeros(len(vertices), bool)
         went[back] = True
-        suspect = went[triangles].any(axis=1)
+        suspect = with_corner_in(went, triangles)
     return vertices

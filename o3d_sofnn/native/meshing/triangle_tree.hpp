@@ -170,7 +170,7 @@ class TriangleTree {
   // Calls visit(i, j), in any order, for the pairs with boxes that meet and of which at least one is suspect. Pairs above
   // lead to those below them.
   template <class Visit>
-  void pairs_meeting(const bool* suspect, int threads, const Visit& visit) const {
+  void pairs_meeting(const uint8_t* suspect, int threads, const Visit& visit) const {
     if (row_.empty()) return;
     std::vector<std::vector<uint8_t>> wanted(levels_.size());  // suspects among the four
     for (size_t level = 0; level < levels_.size(); ++level) wanted[level].assign(levels_[level].size(), 0);
@@ -235,16 +235,43 @@ inline std::vector<double> scaled_vertices(const MeshView& mesh) {
   return scaled;
 }
 
+// Rows of the suspect triangles and of all with boxes that meet theirs, in ascending order.
+inline std::vector<int32_t> around_suspects(const MeshView& mesh, const bool* suspect, int threads) {
+  std::vector<int32_t> corners, rows;
+  for (int64_t i = 0; i < mesh.n_triangles; ++i)
+    if (suspect[i]) corners.insert(corners.end(), mesh.triangles + 3 * i, mesh.triangles + 3 * i + 3);
+  const auto n = static_cast<int64_t>(corners.size() / 3);
+  std::vector<uint8_t> near(mesh.n_triangles, 1);
+  if (n < mesh.n_triangles / 2) {
+    const TriangleTree tree({mesh.vertices, corners.data(), mesh.n_vertices, n}, threads);
+    parallel_for(mesh.n_triangles, 4096, threads, [&](int64_t first, int64_t last) {
+      for (int64_t i = first; i < last; ++i)
+        near[i] = suspect[i] || tree.any_meeting(tree.box(mesh.vertices, mesh.triangles + 3 * i), [](int32_t) { return true; });
+    });
+  }
+  for (int64_t i = 0; i < mesh.n_triangles; ++i)
+    if (near[i]) rows.push_back(static_cast<int32_t>(i));
+  return rows;
+}
+
 // Pairs of triangles that meet, of which at least one is suspect: the lesser row first, in ascending order.
 inline std::vector<int32_t> intersecting_pairs(const MeshView& given, const bool* suspect, int threads) {
   const std::vector<double> vertices = scaled_vertices(given);
-  const MeshView mesh{vertices.data(), given.triangles, given.n_vertices, given.n_triangles};
+  const MeshView all{vertices.data(), given.triangles, given.n_vertices, given.n_triangles};
+  const std::vector<int32_t> rows = around_suspects(all, suspect, threads);
+  std::vector<int32_t> corners;
+  std::vector<uint8_t> suspects;
+  for (const int32_t row : rows) {
+    corners.insert(corners.end(), all.triangles + 3 * int64_t{row}, all.triangles + 3 * int64_t{row} + 3);
+    suspects.push_back(suspect[row]);
+  }
+  const MeshView mesh{vertices.data(), corners.data(), all.n_vertices, static_cast<int64_t>(rows.size())};
   std::vector<std::pair<int32_t, int32_t>> found;
   std::mutex mutex;
-  TriangleTree(mesh, threads).pairs_meeting(suspect, threads, [&](int32_t i, int32_t j) {
+  TriangleTree(mesh, threads).pairs_meeting(suspects.data(), threads, [&](int32_t i, int32_t j) {
     if (!triangles_meet(mesh.vertices, mesh.triangles + 3 * int64_t{i}, mesh.triangles + 3 * int64_t{j})) return;
     const std::lock_guard<std::mutex> lock(mutex);  // hardly ever
-    found.push_back({std::min(i, j), std::max(i, j)});
+    found.push_back({rows[std::min(i, j)], rows[std::max(i, j)]});
   });
   std::sort(found.begin(), found.end());
   std::vector<int32_t> pairs;

@@ -11,6 +11,7 @@ Array = NDArray[np.float64]
 Triangles = NDArray[np.int32]
 ROUNDS = 3
 SHORTER = 1 - 1e-9
+LARGEST = 4096
 
 
 class Unions:
@@ -107,7 +108,7 @@ def _patch(vertices: Array, triangles: Triangles, edge: int, radius: float) -> l
     rows = [edge // 3]
     for row in rows:
         for h in range(3 * row, 3 * row + 3):
-            if inside[twin[h] // 3] and twin[h] // 3 not in rows:
+            if inside[twin[h] // 3] and len(rows) < LARGEST and twin[h] // 3 not in rows:
                 rows.append(twin[h] // 3)
     return rows
 

@@ -37,8 +37,8 @@ def ball_with_handles(number):
     return distance
 
 
-def extracted(function, seeds):
-    vertices, triangles = extract(function, seeds, SIZE)
+def extracted(function, seeds, size=SIZE):
+    vertices, triangles = extract(function, seeds, size)
     return relax(vertices, triangles, function)[0], triangles
 
 
@@ -110,17 +110,27 @@ def test_kernels_agree_with_their_twins(number, radius):
     assert genus(found[1]) == (number if radius == 0.1 else 0)
 
 
-def test_a_torus_is_cut_around_its_tube():
-    def function(x):
-        return ring(x, np.zeros(3), np.array([0.0, 0.0, 1.0]), 1.0, 0.4), np.ones(len(x))
+def on_torus(x):
+    return ring(x, np.zeros(3), np.array([0.0, 0.0, 1.0]), 1.0, 0.4), np.ones(len(x))
 
-    before, triangles = extracted(function, torus(6000).points)
+
+def test_a_torus_is_cut_around_its_tube():
+    before, triangles = extracted(on_torus, torus(6000).points, 0.12)
     edges = np.asarray(_kernels.handle_edges(before, triangles))[:1]
     opened = _kernels.open_handles(before, triangles, edges, np.full(1, 9.0))
     after, closed, _, touched = map(np.asarray, opened)
     assert_valid_mesh(after, closed, components=1, apart=False)  # one lid lies on the other
     assert genus(closed) == 0
-    distance, _ = function(after[touched > 0])
+    distance, _ = on_torus(after[touched > 0])
     assert np.sort(abs(distance))[:-2].max() < 0.02  # the loop is on the surface
     angle = np.arctan2(after[touched > 0, 1], after[touched > 0, 0])
     assert abs(np.exp(1j * angle).mean()) > 0.98  # and at one place of the ring
+
+
+def test_no_patch_has_more_triangles_than_a_small_handle_can_have():
+    vertices, triangles = extract(on_torus, torus(6000).points, SIZE)
+    edges = np.asarray(_kernels.handle_edges(vertices, triangles))[:1]
+    args = vertices, triangles, edges, np.full(1, 9.0)
+    found, expected = _kernels.open_handles(*args), reference.open_handles(*args)
+    np.testing.assert_array_equal(found[1], expected[1])
+    np.testing.assert_array_equal(found[1], triangles)  # half of a ring has no handle
