@@ -71,8 +71,9 @@ def _walled(
     x = grid.positions(leaves)
     values, support = evaluate(x)
     edge = grid.edges(leaves)
+    far = support == 0.0
     # Far away only the sign counts; beside the wall the distance from it puts the surface there.
-    values = np.where(support > 0.0, values, values * edge)
+    values = np.where(far, values * edge, values)
     wall = np.maximum(grid.low - x, x - grid.high).max(axis=1)
-    at_wall = wall > -2.0 * grid.size * edge
-    return np.where(at_wall & (values < 0.0), wall, np.maximum(values, wall))
+    ends = far & (values < 0.0) & (wall > -2.0 * grid.size * edge)
+    return np.asarray(np.where(ends, wall, np.maximum(values, wall)))
