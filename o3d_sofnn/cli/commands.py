@@ -17,7 +17,6 @@ from o3d_sofnn.progress import Progress, rescale
 
 if TYPE_CHECKING:
     from o3d_sofnn.files.columns import PointFile
-    from o3d_sofnn.results import NormalEstimate, SurfaceEstimate
 
 
 _logger = logging.getLogger(__name__)
@@ -96,6 +95,7 @@ def run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """
     started = time.perf_counter()
     # Imported here: --help and bad options answer at once.
+    from o3d_sofnn.cli import findings
     from o3d_sofnn.files import point_files
 
     mesh_wanted = args.command == "reconstruct"
@@ -122,7 +122,8 @@ def run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     with _timed(seconds, "read"):
         source = _read(args.input)
     if not mesh_wanted:
-        point_files.check_contents(args.output, source, template=args.input)
+        names = findings.ATTRIBUTES if args.attributes else ()
+        point_files.check_contents(args.output, source, args.input, names)
     for note in source.notes:
         _logger.warning("%s: %s", args.input, note)
     if _uses_viewpoint_of(source, args):
@@ -132,15 +133,16 @@ def run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     result, details = (_reconstruct if mesh_wanted else _normals)(cloud, args, options)
     seconds |= details.seconds
     progress(_WRITE_STARTS, "write")
+    extra = findings.attributes(details) if args.attributes else None
     with _timed(seconds, "write"):
         if mesh_wanted:
-            point_files.write_triangle_mesh(args.output, result)
+            point_files.write_triangle_mesh(args.output, result, extra=extra)
         else:
-            point_files.write_point_cloud(args.output, result, template=args.input)
+            point_files.write_point_cloud(args.output, result, template=args.input, extra=extra)
     progress(1.0, "done")
     seconds["total"] = time.perf_counter() - started
     report = {"command": args.command, "input": str(args.input), "output": str(args.output)}
-    report |= _figures(source, details)
+    report |= findings.figures(source, details)
     report["viewpoint_of_file"] = _uses_viewpoint_of(source, args)
     report["seconds"] = {name: round(value, 4) for name, value in seconds.items()}
     return report
@@ -201,39 +203,6 @@ def _reconstruct(cloud: Any, args: argparse.Namespace, options: dict[str, Any]) 
         **options,
     )
     return tuple(mesh), details
-
-
-def _figures(source: PointFile, details: NormalEstimate | SurfaceEstimate) -> dict[str, Any]:
-    """Return what the report says of the points, and of the mesh if there is one."""
-    from o3d_sofnn import validation
-    from o3d_sofnn.results import SurfaceEstimate
-
-    normals = details.normals if isinstance(details, SurfaceEstimate) else details
-    # In the details a point without finite coordinates counts as an outlier too.
-    not_finite = int((~validation.finite_rows(source.points)).sum())
-    figures = {
-        "points": len(normals.normals),
-        "not_finite": not_finite,
-        "outliers": int(normals.outliers.sum()) - not_finite,
-        "rules": len(normals.rules),
-        "noise_level": normals.noise_level,
-        "spacing": normals.spacing,
-        "sides": {
-            "kind": normals.evidence.kind,
-            "text": normals.evidence.text,
-            **normals.evidence.figures,
-        },
-        "warnings": [*source.notes, *details.warnings],
-    }
-    if isinstance(details, SurfaceEstimate):
-        figures |= {
-            "vertices": len(details.vertices),
-            "triangles": len(details.triangles),
-            "watertight": details.watertight,
-            "closing": None if details.closing is None else vars(details.closing),
-            "quality": vars(details.quality),
-        }
-    return figures
 
 
 @contextlib.contextmanager

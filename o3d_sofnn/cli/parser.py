@@ -207,5 +207,11 @@ def _common_options() -> _Parser:
         "--threads", type=int, default=-1, metavar="N", help="threads; -1 (default): all cores"
     )
     _add_progress(common)
+    common.add_argument(
+        "--attributes",
+        action="store_true",
+        help="write confidence, noise and outlier of each point (of each vertex: confidence, "
+        "noise) to OUT: ply npz las laz",
+    )
     common.add_argument("--json", metavar="REPORT", help="write a report as JSON; - for the screen")
     return common

@@ -9,16 +9,18 @@ from __future__ import annotations
 import contextlib
 import io
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from o3d_sofnn.files import child, columns, las_layout
 from o3d_sofnn.files.columns import Array, PointFile
 from o3d_sofnn.files.regular import open_regular, read_records
-from o3d_sofnn.files.writers import color_levels
+from o3d_sofnn.files.writers.colors import color_levels
 
 if TYPE_CHECKING:
     from o3d_sofnn.adapters import CloudArrays
@@ -70,7 +72,13 @@ def read_las(path: Path) -> PointFile:
         return columns.from_columns(path, found, crs=_crs(data.header))
 
 
-def write_las(stream: BinaryIO, cloud: CloudArrays, compress: bool, template: Path | None) -> None:
+def write_las(
+    stream: BinaryIO,
+    cloud: CloudArrays,
+    compress: bool,
+    template: Path | None,
+    extra: Mapping[str, NDArray[Any]] = MappingProxyType({}),
+) -> None:
     """Write points and normals (extra dimensions NormalX, NormalY, NormalZ in double).
 
     Parameters
@@ -85,6 +93,8 @@ def write_las(stream: BinaryIO, cloud: CloudArrays, compress: bool, template: Pa
         A LAS or LAZ file with the same points in the same order: everything in it (scale, offset,
         coordinate system, all dimensions) is kept, but for the index of COPC. None writes LAS 1.4
         with coordinates rounded to the finest power of ten that 32 bits hold over the extent.
+    extra : mapping of str to numpy.ndarray, shape (n, 1)
+        Further numbers per point: extra dimensions of their type, under names that are free.
 
     Raises
     ------
@@ -98,10 +108,15 @@ def write_las(stream: BinaryIO, cloud: CloudArrays, compress: bool, template: Pa
         raise ValueError(
             f"pcd: expected the {len(data.points)} points of {template}, got {len(cloud.points)}"
         )
-    _write(stream, data, cloud.normals, compress)
+    _write(stream, data, cloud.normals, compress, extra)
 
 
-def check_las(points: Array, compress: bool, template: Path | None) -> None:
+def check_las(
+    points: Array,
+    compress: bool,
+    template: Path | None,
+    extra: Mapping[str, NDArray[Any]] = MappingProxyType({}),
+) -> None:
     """Raise what :func:`write_las` would raise, without the points.
 
     Parameters
@@ -110,6 +125,8 @@ def check_las(points: Array, compress: bool, template: Path | None) -> None:
         What is going to be written.
     compress, template
         As of :func:`write_las`.
+    extra : mapping of str to numpy.ndarray, shape (1, 1)
+        The same with one row.
     """
     laspy = _import_laspy()
     if template is None:
@@ -119,11 +136,22 @@ def check_las(points: Array, compress: bool, template: Path | None) -> None:
         header = _read_header(stream, template)[1]
     with _laspy_errors(template, "to be written again, choose an OUT like .ply"):
         one = laspy.LasData(header, laspy.PackedPointRecord.zeros(1, header.point_format))
-        _write(io.BytesIO(), one, np.zeros((1, 3)), compress)
+        _write(io.BytesIO(), one, np.zeros((1, 3)), compress, extra)
 
 
-def _write(stream: BinaryIO, data: Any, normals: Array | None, compress: bool) -> None:
+def _write(
+    stream: BinaryIO,
+    data: Any,
+    normals: Array | None,
+    compress: bool,
+    extra: Mapping[str, NDArray[Any]],
+) -> None:
     laspy = _import_laspy()
+    # LAS has no dimension of yes and no.
+    types = {name: v.dtype if v.dtype.kind in "iuf" else "u1" for name, v in extra.items()}
+    data.add_extra_dims([laspy.ExtraBytesParams(name, kind) for name, kind in types.items()])
+    for name, values in extra.items():
+        data[name] = values[:, 0]
     if normals is not None:
         kinds = {d.name: d.dtype for d in data.point_format.extra_dimensions}
         # A dimension of whole numbers would round normals to nothing.

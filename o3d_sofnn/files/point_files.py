@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn import adapters
-from o3d_sofnn.files import las, reading, writers
+from o3d_sofnn.files import columns, las, reading
 from o3d_sofnn.files.columns import PointFile as PointFile
 from o3d_sofnn.files.outputs import check_different as check_different
 from o3d_sofnn.files.outputs import check_ending
 from o3d_sofnn.files.outputs import check_output as check_output
 from o3d_sofnn.files.outputs import open_atomic as open_atomic
+from o3d_sofnn.files.writers import formats
 
 _logger = logging.getLogger(__name__)
 
@@ -25,10 +27,10 @@ _logger = logging.getLogger(__name__)
 CLOUD_INPUTS = reading.FORMATS
 
 
-CLOUD_OUTPUTS = frozenset(writers.CLOUD_WRITERS) | las.FORMATS
+CLOUD_OUTPUTS = frozenset(formats.CLOUD_WRITERS) | las.FORMATS
 
 
-MESH_OUTPUTS = frozenset(writers.MESH_WRITERS)
+MESH_OUTPUTS = frozenset(formats.MESH_WRITERS)
 
 
 # Rounding may move a coordinate by this share of the typical distance between neighbours.
@@ -93,7 +95,11 @@ def as_cloud(file: PointFile) -> adapters.CloudArrays:
 
 
 def write_point_cloud(
-    path: str | os.PathLike[str], pcd: Any, *, template: str | os.PathLike[str] | None = None
+    path: str | os.PathLike[str],
+    pcd: Any,
+    *,
+    template: str | os.PathLike[str] | None = None,
+    extra: Mapping[str, NDArray[Any]] | None = None,
 ) -> None:
     """Write points, normals and (as far as the format has room) attributes, whole or not at all.
 
@@ -107,6 +113,10 @@ def write_point_cloud(
     template : path-like, optional
         The file that ``pcd`` was read from: a LAS or LAZ output then keeps what only such a file
         holds (scale, offset, coordinate system). Ignored unless both are LAS or LAZ.
+    extra : mapping of str to numpy.ndarray, shape (n,), optional
+        Further numbers per point, under their names: properties of PLY, arrays of NPZ, extra bytes
+        of LAS and LAZ. A name that the points have already gets a number; what a format cannot
+        hold is logged.
 
     Raises
     ------
@@ -120,16 +130,23 @@ def write_point_cloud(
     arrays = adapters.read_cloud(pcd)
     source = _las_template(path, template)
     _warn_of_rounding(path, arrays.points)
-    if source is None:
-        arrays = _fitting(path, arrays, writers.CLOUD_KEEPS[suffix])
+    keeps = formats.CLOUD_KEEPS[suffix]
+    if suffix in las.FORMATS:
+        if source is None:
+            arrays = _fitting(path, arrays, keeps)
+        named = _named(path, extra or {}, arrays.attributes)
+        with open_atomic(path) as stream:
+            las.write_las(stream, arrays, suffix == ".laz", source, named)
+        return
+    arrays = _with(arrays, _named(path, extra or {}, arrays.attributes))
+    arrays = _fitting(path, arrays, keeps)
     with open_atomic(path) as stream:
-        if suffix in las.FORMATS:
-            las.write_las(stream, arrays, compress=suffix == ".laz", template=source)
-        else:
-            writers.CLOUD_WRITERS[suffix](stream, arrays)
+        formats.CLOUD_WRITERS[suffix](stream, arrays)
 
 
-def write_triangle_mesh(path: str | os.PathLike[str], mesh: Any) -> None:
+def write_triangle_mesh(
+    path: str | os.PathLike[str], mesh: Any, *, extra: Mapping[str, NDArray[Any]] | None = None
+) -> None:
     """Write a mesh with vertex normals and colours, whole or not at all.
 
     Parameters
@@ -138,6 +155,8 @@ def write_triangle_mesh(path: str | os.PathLike[str], mesh: Any) -> None:
         .ply, .obj and .off keep every digit; .stl is single precision without colours.
     mesh : open3d.geometry.TriangleMesh or open3d.t.geometry.TriangleMesh
         The mesh.
+    extra : mapping of str to numpy.ndarray, shape (m,), optional
+        Further numbers per vertex, as of :func:`write_point_cloud`.
 
     Raises
     ------
@@ -150,13 +169,17 @@ def write_triangle_mesh(path: str | os.PathLike[str], mesh: Any) -> None:
     suffix = check_ending(path, MESH_OUTPUTS)
     vertices, triangles = adapters.read_mesh(mesh)
     _warn_of_rounding(path, vertices.points)
-    vertices = _fitting(path, vertices, writers.MESH_KEEPS[suffix])
+    vertices = _with(vertices, _named(path, extra or {}, vertices.attributes))
+    vertices = _fitting(path, vertices, formats.MESH_KEEPS[suffix])
     with open_atomic(path) as stream:
-        writers.MESH_WRITERS[suffix](stream, vertices, triangles)
+        formats.MESH_WRITERS[suffix](stream, vertices, triangles)
 
 
 def check_contents(
-    path: str | os.PathLike[str], file: PointFile, template: str | os.PathLike[str] | None = None
+    path: str | os.PathLike[str],
+    file: PointFile,
+    template: str | os.PathLike[str] | None = None,
+    extra: Collection[str] = (),
 ) -> None:
     """Raise what writing the points of ``file`` to ``path`` would raise, before the work is done.
 
@@ -168,6 +191,8 @@ def check_contents(
         What is going to be written there, with normals.
     template : path-like, optional
         As of :func:`write_point_cloud`.
+    extra : collection of str, optional
+        Names of further numbers per point.
 
     Raises
     ------
@@ -178,7 +203,10 @@ def check_contents(
     """
     path = Path(path)
     if path.suffix.lower() in las.FORMATS:
-        las.check_las(file.points, path.suffix.lower() == ".laz", _las_template(path, template))
+        source = _las_template(path, template)
+        taken = {} if source is None else file.attributes
+        one = {name: np.zeros(1) for name in extra}
+        las.check_las(file.points, path.suffix.lower() == ".laz", source, _free(one, taken))
 
 
 def _las_template(path: Path, template: str | os.PathLike[str] | None) -> Path | None:
@@ -186,6 +214,32 @@ def _las_template(path: Path, template: str | os.PathLike[str] | None) -> Path |
     if template is None or path.suffix.lower() not in las.FORMATS:
         return None
     return Path(template) if Path(template).suffix.lower() in las.FORMATS else None
+
+
+def _free(extra: Mapping[str, NDArray[Any]], taken: Collection[str]) -> dict[str, NDArray[Any]]:
+    """Return (n, 1) values under names that are not taken."""
+    free: dict[str, NDArray[Any]] = {}
+    for name, values in extra.items():
+        free[columns.free_name(name, [*taken, *free])] = values.reshape(len(values), -1)
+    return free
+
+
+def _named(
+    path: Path, extra: Mapping[str, NDArray[Any]], taken: Collection[str]
+) -> dict[str, NDArray[Any]]:
+    """Do the same, and log what gets another name."""
+    free = _free(extra, taken)
+    for name, kept in zip(extra, free, strict=True):
+        if kept != name:
+            _logger.warning("%s: has %r already, the new one is %r", path, name, kept)
+    return free
+
+
+def _with(
+    arrays: adapters.CloudArrays, further: Mapping[str, NDArray[Any]]
+) -> adapters.CloudArrays:
+    """Return the same with further attributes."""
+    return replace(arrays, attributes={**arrays.attributes, **further})
 
 
 def _fitting(
@@ -217,7 +271,7 @@ def _is_beyond_double(values: NDArray[Any]) -> bool:
 def _warn_of_rounding(path: Path, points: NDArray[np.float64]) -> None:
     """Say so when single precision would visibly move the points of a large-coordinate cloud."""
     finite = points[np.isfinite(points).all(axis=1)]
-    if path.suffix.lower() not in writers.SINGLE_PRECISION or len(finite) == 0:
+    if path.suffix.lower() not in formats.SINGLE_PRECISION or len(finite) == 0:
         return
     rounding = float(np.spacing(np.abs(finite).max().astype(np.float32)))
     # Points on a surface: their number grows with the square of extent / spacing.

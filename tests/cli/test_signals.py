@@ -12,7 +12,8 @@ import pytest
 import shapes
 
 from o3d_sofnn.cli import commands, main
-from o3d_sofnn.files import outputs, point_files, writers
+from o3d_sofnn.files import outputs, point_files
+from o3d_sofnn.files.writers import formats
 
 pytest.importorskip("open3d")
 
@@ -47,7 +48,7 @@ def test_in_the_midst_of_writing(tmp_path, scan, capfd, monkeypatch, number):
         signal.raise_signal(number)
         pytest.fail("went on")
 
-    monkeypatch.setitem(writers.CLOUD_WRITERS, ".ply", write)
+    monkeypatch.setitem(formats.CLOUD_WRITERS, ".ply", write)
     assert main.main(["normals", str(scan), str(output)]) == 128 + number
     assert capfd.readouterr() == ("", "o3d-sofnn: error: interrupted\n")
     assert sorted(tmp_path.iterdir()) == [output, scan]

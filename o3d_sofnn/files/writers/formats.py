@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from o3d_sofnn.files.writers.colors import color_levels
+
 if TYPE_CHECKING:
     from o3d_sofnn.adapters import CloudArrays
 
@@ -27,9 +29,6 @@ _PLY_TYPES = {
     "f4": "float",
     "f8": "double",
 }
-
-
-_COLOR_LEVELS = {"b": 1.0, "u1": 255.0, "u2": 65535.0}
 
 
 # Rows formatted at a time by the text writers: bounds their memory.
@@ -166,23 +165,6 @@ MESH_KEEPS: dict[str, frozenset[str] | None] = {
 
 
 SINGLE_PRECISION = frozenset({".pcd", ".stl"})
-
-
-def color_levels(cloud: CloudArrays, kind: str) -> NDArray[Any] | None:
-    """Return the colours as whole levels of ``kind`` ("u1" or "u2"), or None without colours.
-
-    Colours in floating point are shares of full intensity, those in integers levels of their type.
-    """
-    colors = cloud.attributes.get("colors")
-    if colors is None:
-        return None
-    stored = colors.dtype.str[1:]
-    if stored == kind:
-        return colors
-    shares = colors / _COLOR_LEVELS.get(stored, 1.0)
-    full = _COLOR_LEVELS[kind]
-    levels: NDArray[Any] = np.rint(np.nan_to_num(shares).clip(0.0, 1.0) * full).astype(kind)
-    return levels
 
 
 def _normals(cloud: CloudArrays) -> NDArray[np.float64]:
