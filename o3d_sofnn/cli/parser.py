@@ -15,9 +15,17 @@ BAD_INPUT = 2
 
 
 _EXIT_CODES = """\
-exit codes: 0 done, 2 bad input or options, 1 other failures (a full disk), 130 Ctrl-C; after
-other signals 128 and their number.
+exit codes: 0 done, 2 bad input (also one of several) or options, 1 other failures (a full disk),
+130 Ctrl-C; after other signals 128 and their number.
 OUT is written whole or not at all."""
+
+
+_SEVERAL = """\
+Several IN: files, folders (the point files right in them), wildcards in quotes. OUT is then a
+folder, made if need be, or a name with {stem}, which stands for the name of IN without its ending.
+A file that fails does not stop the others.
+-: the standard input as IN (with --input-format), the standard output as OUT (--output-format).
+"""
 
 
 _NORMALS = """\
@@ -54,6 +62,14 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         self.exit(BAD_INPUT, f"o3d-sofnn: error: {printable(message)} (see {self.prog} --help)\n")
+
+    def parse_known_args(self, *args: Any) -> tuple[Any, list[str]]:  # type: ignore[override]
+        """Let options stand between files: argparse takes those behind an option for too many."""
+        found, left = super().parse_known_args(*args)
+        if hasattr(found, "output") and all(each == "-" or each[:1] != "-" for each in left):
+            files = [*found.input, found.output, *left]
+            found.input, found.output, left = files[:-1], files[-1], []
+        return found, left
 
 
 class _Version(argparse.Action):
@@ -92,7 +108,7 @@ def _add_command(
         parents=[common],
         help=purpose,
         description=text,
-        epilog=files + _EXIT_CODES,
+        epilog=files + _SEVERAL + _EXIT_CODES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     return parser
@@ -195,8 +211,20 @@ def _add_progress(parser: argparse.ArgumentParser) -> None:
 
 def _common_options() -> _Parser:
     common = _Parser(add_help=False)
-    common.add_argument("input", type=Path, metavar="IN", help="a point file (ply pcd xyz las ...)")
-    common.add_argument("output", type=Path, metavar="OUT", help="the file to write")
+    common.add_argument(
+        "input", nargs="+", metavar="IN", help="point files (ply pcd xyz las ...), folders, or -"
+    )
+    common.add_argument("output", metavar="OUT", help="the file to write, a folder, or -")
+    common.add_argument(
+        "--input-format",
+        metavar="F",
+        help="format of IN (xyz, las ...) whatever its ending says; needed for -",
+    )
+    common.add_argument(
+        "--output-format",
+        metavar="F",
+        help="format of the files in a folder OUT (default: ply); needed for -",
+    )
     common.add_argument(
         "--max-nn", type=int, metavar="K", help="largest neighbourhood of a local fit, in points"
     )

@@ -37,13 +37,15 @@ MESH_OUTPUTS = frozenset(formats.MESH_WRITERS)
 _ROUNDING_SHARE = 0.01
 
 
-def read_points(path: str | os.PathLike[str]) -> PointFile:
+def read_points(path: str | os.PathLike[str], ending: str | None = None) -> PointFile:
     """Read points of any known format, with all that the file has per point.
 
     Parameters
     ----------
     path : path-like
         The file; its ending says the format. Of a mesh file the vertices are taken.
+    ending : str, optional
+        Read as if the file had this ending (``.xyz``).
 
     Returns
     -------
@@ -60,8 +62,12 @@ def read_points(path: str | os.PathLike[str]) -> PointFile:
         What the format needs is missing; the message says what to type.
     """
     path = Path(path)
-    check_ending(path, CLOUD_INPUTS)
-    return reading.read(path)
+    if ending is None:
+        ending = check_ending(path, CLOUD_INPUTS)
+    elif ending not in CLOUD_INPUTS:
+        known = " ".join(sorted(CLOUD_INPUTS))
+        raise ValueError(f"ending: expected one of {known}, got {ending!r}")
+    return reading.read(path, ending)
 
 
 def read_point_cloud(path: str | os.PathLike[str]) -> Any:

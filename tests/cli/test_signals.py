@@ -66,7 +66,7 @@ def test_what_libraries_make_of_it_does_not_count(tmp_path, scan, capfd, monkeyp
     assert main.main(arguments) == 128 + number
     assert capfd.readouterr().err == "o3d-sofnn: error: interrupted\n"
 
-    def swallow(args, progress):
+    def swallow(args, job, progress):
         try:
             signal.raise_signal(number)
         except KeyboardInterrupt:
@@ -95,7 +95,7 @@ def test_while_libraries_load_signals_wait(tmp_path, scan, monkeypatch):
 def test_the_second_signal_finds_nobody(tmp_path, scan, capfd, monkeypatch):
     """Neither while the first one is tidied up after, nor while the interpreter ends."""
 
-    def twice(args, progress):
+    def twice(args, job, progress):
         try:
             signal.raise_signal(signal.SIGHUP)
         finally:
@@ -174,7 +174,7 @@ def test_the_exit_code_is_ours_wherever_the_signal_came(tmp_path):
         "from o3d_sofnn.cli import commands, main\n"
         "commands.load = lambda command: None\n"
         "source = 'import signal; signal.raise_signal(signal.SIGTERM)'\n"
-        "commands.run = lambda args, progress: exec(source)\n"
+        "commands.run = lambda args, job, progress: exec(source)\n"
         "sys.exit(main.main())\n"
     )
     process = subprocess.run(
