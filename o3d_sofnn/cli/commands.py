@@ -98,7 +98,7 @@ def run(args: argparse.Namespace, job: Job, progress: ProgressCallback) -> dict[
     """
     started = time.perf_counter()
     # Imported here: --help and bad options answer at once.
-    from o3d_sofnn.cli import findings
+    from o3d_sofnn.cli import findings, georeference
     from o3d_sofnn.files import point_files
 
     mesh_wanted = args.command == "reconstruct"
@@ -118,6 +118,7 @@ def run(args: argparse.Namespace, job: Job, progress: ProgressCallback) -> dict[
     if not mesh_wanted:
         names = findings.ATTRIBUTES if args.attributes else ()
         point_files.check_contents(job.target, source, job.source, names)
+    place = georeference.place_of(args, job, source)
     for note in source.notes:
         _logger.warning("%s: %s", job.source, note)
     if _uses_viewpoint_of(source, args):
@@ -128,17 +129,22 @@ def run(args: argparse.Namespace, job: Job, progress: ProgressCallback) -> dict[
     seconds |= details.seconds
     progress(_WRITE_STARTS, "write")
     extra = findings.attributes(details) if args.attributes else None
+    result = place.moved(result)
     with _timed(seconds, "write"):
         if mesh_wanted:
-            point_files.write_triangle_mesh(job.target, result, extra=extra)
+            point_files.write_triangle_mesh(job.target, result, extra=extra, crs=place.crs)
         else:
-            point_files.write_point_cloud(job.target, result, template=job.source, extra=extra)
+            point_files.write_point_cloud(
+                job.target, result, template=job.source, extra=extra, crs=place.crs
+            )
         if job.is_to_stream:
             streams.write_file(job.target)
     progress(1.0, "done")
     seconds["total"] = time.perf_counter() - started
     report: dict[str, Any] = {"command": args.command, **job.report}
     report |= findings.figures(source, details)
+    report["crs"] = source.crs
+    report["offset"] = None if place.offset is None else place.offset.tolist()
     report["viewpoint_of_file"] = _uses_viewpoint_of(source, args)
     report["seconds"] = {name: round(value, 4) for name, value in seconds.items()}
     return report

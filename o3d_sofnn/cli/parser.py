@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import sys
 from pathlib import Path
@@ -48,7 +49,7 @@ nothing was measured. Normals in IN are not needed. No option is needed."""
 _RECONSTRUCT_FILES = """\
 IN: ply pcd npy npz xyz xyzn xyzrgb txt csv asc pts ptx e57 las laz, the vertices of obj off stl
 gltf glb fbx. What is in the file and not used is said.
-OUT: ply obj (with vertex normals, and colours where IN has them), off (with colours), stl.
+OUT: ply obj glb (with vertex normals, and colours where IN has them), off (with colours), stl.
 """
 
 
@@ -200,6 +201,18 @@ def _number_or_auto(text: str) -> float | str:
         ) from None
 
 
+def _offset(text: str) -> tuple[float, ...] | str:
+    if text == "auto":
+        return text
+    try:
+        numbers = tuple(float(each) for each in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != 3 or not all(math.isfinite(each) for each in numbers):
+        raise argparse.ArgumentTypeError(f"expected X,Y,Z or auto, got {text!r}")
+    return numbers
+
+
 def _add_progress(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--progress",
@@ -235,6 +248,13 @@ def _common_options() -> _Parser:
         "--threads", type=int, default=-1, metavar="N", help="threads; -1 (default): all cores"
     )
     _add_progress(common)
+    common.add_argument(
+        "--offset",
+        type=_offset,
+        metavar="X,Y,Z",
+        help="take this from all coordinates that are written, for formats and programs with "
+        "single precision; auto: round numbers near the points",
+    )
     common.add_argument(
         "--attributes",
         action="store_true",

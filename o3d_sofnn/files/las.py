@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn.files import child, columns, las_layout
+from o3d_sofnn.files import child, columns, las_layout, sidecar
 from o3d_sofnn.files.columns import Array, PointFile
 from o3d_sofnn.files.regular import open_regular, read_records
 from o3d_sofnn.files.writers.colors import color_levels
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from o3d_sofnn.adapters import CloudArrays
 
 FORMATS = frozenset({".las", ".laz"})
+
+
+_logger = logging.getLogger(__name__)
 
 
 _NORMALS = ("NormalX", "NormalY", "NormalZ")
@@ -78,6 +81,7 @@ def write_las(
     compress: bool,
     template: Path | None,
     extra: Mapping[str, NDArray[Any]] = MappingProxyType({}),
+    crs: str | None = None,
 ) -> None:
     """Write points and normals (extra dimensions NormalX, NormalY, NormalZ in double).
 
@@ -95,6 +99,8 @@ def write_las(
         with coordinates rounded to the finest power of ten that 32 bits hold over the extent.
     extra : mapping of str to numpy.ndarray, shape (n, 1)
         Further numbers per point: extra dimensions of their type, under names that are free.
+    crs : str, optional
+        Coordinate system, for a template without one too.
 
     Raises
     ------
@@ -108,6 +114,8 @@ def write_las(
         raise ValueError(
             f"pcd: expected the {len(data.points)} points of {template}, got {len(cloud.points)}"
         )
+    if crs is not None and _crs(data.header) is None:
+        _add_crs(data.header, crs)
     _write(stream, data, cloud.normals, compress, extra)
 
 
@@ -242,6 +250,16 @@ def _crs(header: Any) -> str | None:
     }
     codes = [keys[key] for key in _EPSG_KEYS if 1024 <= keys.get(key, 0) <= 32766]
     return f"EPSG:{codes[0]}" if codes else None
+
+
+def _add_crs(header: Any, crs: str) -> None:
+    """Add a coordinate system as WKT, which LAS has since version 1.4."""
+    text = sidecar.as_wkt(crs)
+    if text is None or header.version.minor < 4:
+        _logger.warning("LAS output: not kept: coordinate system %s", " ".join(crs.split())[:60])
+        return
+    header.vlrs.append(_import_laspy().vlrs.known.WktCoordinateSystemVlr(text))
+    header.global_encoding.wkt = True
 
 
 @contextlib.contextmanager

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn import adapters
-from o3d_sofnn.files import columns, las, reading
+from o3d_sofnn.files import las, reading, sidecar
 from o3d_sofnn.files.columns import PointFile as PointFile
 from o3d_sofnn.files.outputs import check_different as check_different
 from o3d_sofnn.files.outputs import check_ending
 from o3d_sofnn.files.outputs import check_output as check_output
 from o3d_sofnn.files.outputs import open_atomic as open_atomic
-from o3d_sofnn.files.writers import formats
+from o3d_sofnn.files.writers import fitting, formats
 
 _logger = logging.getLogger(__name__)
 
@@ -31,10 +31,6 @@ CLOUD_OUTPUTS = frozenset(formats.CLOUD_WRITERS) | las.FORMATS
 
 
 MESH_OUTPUTS = frozenset(formats.MESH_WRITERS)
-
-
-# Rounding may move a coordinate by this share of the typical distance between neighbours.
-_ROUNDING_SHARE = 0.01
 
 
 def read_points(path: str | os.PathLike[str], ending: str | None = None) -> PointFile:
@@ -50,7 +46,8 @@ def read_points(path: str | os.PathLike[str], ending: str | None = None) -> Poin
     Returns
     -------
     PointFile
-        Arrays, where the scanner stood, and ``notes`` on what is not as in the file.
+        Arrays, where the scanner stood, and ``notes`` on what is not as in the file. A coordinate
+        system may be beside the file, with the ending .prj.
 
     Raises
     ------
@@ -67,7 +64,11 @@ def read_points(path: str | os.PathLike[str], ending: str | None = None) -> Poin
     elif ending not in CLOUD_INPUTS:
         known = " ".join(sorted(CLOUD_INPUTS))
         raise ValueError(f"ending: expected one of {known}, got {ending!r}")
-    return reading.read(path, ending)
+    file = reading.read(path, ending)
+    if file.crs is not None:
+        return file
+    crs, notes = sidecar.read(path)
+    return replace(file, crs=crs, notes=(*file.notes, *notes))
 
 
 def read_point_cloud(path: str | os.PathLike[str]) -> Any:
@@ -106,6 +107,7 @@ def write_point_cloud(
     *,
     template: str | os.PathLike[str] | None = None,
     extra: Mapping[str, NDArray[Any]] | None = None,
+    crs: str | None = None,
 ) -> None:
     """Write points, normals and (as far as the format has room) attributes, whole or not at all.
 
@@ -123,6 +125,9 @@ def write_point_cloud(
         Further numbers per point, under their names: properties of PLY, arrays of NPZ, extra bytes
         of LAS and LAZ. A name that the points have already gets a number; what a format cannot
         hold is logged.
+    crs : str, optional
+        Coordinate system, as of :class:`PointFile`: LAS and LAZ hold it (that of ``template`` is
+        kept), for other formats it is written beside ``path``, with the ending .prj.
 
     Raises
     ------
@@ -135,34 +140,43 @@ def write_point_cloud(
     suffix = check_ending(path, CLOUD_OUTPUTS)
     arrays = adapters.read_cloud(pcd)
     source = _las_template(path, template)
-    _warn_of_rounding(path, arrays.points)
+    fitting.warn_of_rounding(path, arrays.points)
     keeps = formats.CLOUD_KEEPS[suffix]
     if suffix in las.FORMATS:
         if source is None:
-            arrays = _fitting(path, arrays, keeps)
-        named = _named(path, extra or {}, arrays.attributes)
+            arrays = fitting.fitted(path, arrays, keeps)
+        named = fitting.named(path, extra or {}, arrays.attributes)
         with open_atomic(path) as stream:
-            las.write_las(stream, arrays, suffix == ".laz", source, named)
+            las.write_las(stream, arrays, suffix == ".laz", source, named, crs)
         return
-    arrays = _with(arrays, _named(path, extra or {}, arrays.attributes))
-    arrays = _fitting(path, arrays, keeps)
+    arrays = fitting.joined(arrays, fitting.named(path, extra or {}, arrays.attributes))
+    arrays = fitting.fitted(path, arrays, keeps)
     with open_atomic(path) as stream:
         formats.CLOUD_WRITERS[suffix](stream, arrays)
+    if crs is not None:
+        sidecar.write(path, crs)
 
 
 def write_triangle_mesh(
-    path: str | os.PathLike[str], mesh: Any, *, extra: Mapping[str, NDArray[Any]] | None = None
+    path: str | os.PathLike[str],
+    mesh: Any,
+    *,
+    extra: Mapping[str, NDArray[Any]] | None = None,
+    crs: str | None = None,
 ) -> None:
     """Write a mesh with vertex normals and colours, whole or not at all.
 
     Parameters
     ----------
     path : path-like
-        .ply, .obj and .off keep every digit; .stl is single precision without colours.
+        .ply, .obj and .off keep every digit; .glb is single precision about a local origin; .stl is
+        single precision without colours.
     mesh : open3d.geometry.TriangleMesh or open3d.t.geometry.TriangleMesh
         The mesh.
     extra : mapping of str to numpy.ndarray, shape (m,), optional
         Further numbers per vertex, as of :func:`write_point_cloud`.
+    crs : str, optional
+        Coordinate system, written beside ``path`` with the ending .prj.
 
     Raises
     ------
@@ -174,11 +188,13 @@ def write_triangle_mesh(
     path = Path(path)
     suffix = check_ending(path, MESH_OUTPUTS)
     vertices, triangles = adapters.read_mesh(mesh)
-    _warn_of_rounding(path, vertices.points)
-    vertices = _with(vertices, _named(path, extra or {}, vertices.attributes))
-    vertices = _fitting(path, vertices, formats.MESH_KEEPS[suffix])
+    fitting.warn_of_rounding(path, vertices.points)
+    vertices = fitting.joined(vertices, fitting.named(path, extra or {}, vertices.attributes))
+    vertices = fitting.fitted(path, vertices, formats.MESH_KEEPS[suffix])
     with open_atomic(path) as stream:
         formats.MESH_WRITERS[suffix](stream, vertices, triangles)
+    if crs is not None:
+        sidecar.write(path, crs)
 
 
 def check_contents(
@@ -212,7 +228,7 @@ def check_contents(
         source = _las_template(path, template)
         taken = {} if source is None else file.attributes
         one = {name: np.zeros(1) for name in extra}
-        las.check_las(file.points, path.suffix.lower() == ".laz", source, _free(one, taken))
+        las.check_las(file.points, path.suffix.lower() == ".laz", source, fitting.free(one, taken))
 
 
 def _las_template(path: Path, template: str | os.PathLike[str] | None) -> Path | None:
@@ -220,69 +236,3 @@ def _las_template(path: Path, template: str | os.PathLike[str] | None) -> Path |
     if template is None or path.suffix.lower() not in las.FORMATS:
         return None
     return Path(template) if Path(template).suffix.lower() in las.FORMATS else None
-
-
-def _free(extra: Mapping[str, NDArray[Any]], taken: Collection[str]) -> dict[str, NDArray[Any]]:
-    """Return (n, 1) values under names that are not taken."""
-    free: dict[str, NDArray[Any]] = {}
-    for name, values in extra.items():
-        free[columns.free_name(name, [*taken, *free])] = values.reshape(len(values), -1)
-    return free
-
-
-def _named(
-    path: Path, extra: Mapping[str, NDArray[Any]], taken: Collection[str]
-) -> dict[str, NDArray[Any]]:
-    """Do the same, and log what gets another name."""
-    free = _free(extra, taken)
-    for name, kept in zip(extra, free, strict=True):
-        if kept != name:
-            _logger.warning("%s: has %r already, the new one is %r", path, name, kept)
-    return free
-
-
-def _with(
-    arrays: adapters.CloudArrays, further: Mapping[str, NDArray[Any]]
-) -> adapters.CloudArrays:
-    """Return the same with further attributes."""
-    return replace(arrays, attributes={**arrays.attributes, **further})
-
-
-def _fitting(
-    path: Path, arrays: adapters.CloudArrays, keeps: Collection[str] | None
-) -> adapters.CloudArrays:
-    """Return what a format has room for, and log what it has not; None keeps all per point."""
-    count = len(arrays.points)
-    per_point = {name: v for name, v in arrays.attributes.items() if v.shape[:1] == (count,)}
-    others = sorted(arrays.attributes.keys() - per_point.keys())
-    if others:
-        _logger.warning("%s: not kept, as not one per point: %s", path, " ".join(others))
-    lost = [] if keeps is None or arrays.normals is None or "normals" in keeps else ["normals"]
-    lost += [] if keeps is None else sorted(per_point.keys() - set(keeps))
-    if lost:
-        _logger.warning("%s: not kept: %s; .ply keeps them", path, " ".join(lost))
-    rounded = [name for name, values in per_point.items() if _is_beyond_double(values)]
-    if path.suffix.lower() == ".ply" and rounded:
-        _logger.warning("%s: rounded to double precision: %s", path, " ".join(rounded))
-    return adapters.CloudArrays(arrays.points, arrays.normals, per_point)
-
-
-def _is_beyond_double(values: NDArray[Any]) -> bool:
-    """Return whether there are integers that double precision may round."""
-    if values.dtype.kind not in "iu" or values.size == 0:
-        return False
-    return max(int(values.max()), -int(values.min())) > 2**53
-
-
-def _warn_of_rounding(path: Path, points: NDArray[np.float64]) -> None:
-    """Say so when single precision would visibly move the points of a large-coordinate cloud."""
-    finite = points[np.isfinite(points).all(axis=1)]
-    if path.suffix.lower() not in formats.SINGLE_PRECISION or len(finite) == 0:
-        return
-    rounding = float(np.spacing(np.abs(finite).max().astype(np.float32)))
-    # Points on a surface: their number grows with the square of extent / spacing.
-    spacing = float(np.ptp(finite, axis=0).max()) / np.sqrt(len(finite))
-    if rounding > _ROUNDING_SHARE * spacing:
-        _logger.warning(
-            "%s: single precision rounds these coordinates to %.3g; .ply keeps them", path, rounding
-        )

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn.files.writers.colors import color_levels
+from o3d_sofnn.files.writers.glb import write_mesh_glb
 
 if TYPE_CHECKING:
     from o3d_sofnn.adapters import CloudArrays
@@ -140,6 +141,7 @@ MESH_WRITERS: dict[str, Callable[[BinaryIO, CloudArrays, NDArray[np.int64]], Non
     ".obj": write_mesh_obj,
     ".off": write_mesh_off,
     ".stl": write_mesh_stl,
+    ".glb": write_mesh_glb,
 }
 
 
@@ -161,10 +163,15 @@ MESH_KEEPS: dict[str, frozenset[str] | None] = {
     # Normals of a mesh follow from its faces.
     ".off": frozenset({"normals", "colors"}),
     ".stl": frozenset({"normals"}),
+    ".glb": frozenset({"normals", "colors"}),
 }
 
 
-SINGLE_PRECISION = frozenset({".pcd", ".stl"})
+SINGLE_PRECISION = frozenset({".pcd", ".stl", ".glb"})
+
+
+# What stores coordinates about a local origin, and where that is.
+WITH_ORIGIN = frozenset({".glb"})
 
 
 def _normals(cloud: CloudArrays) -> NDArray[np.float64]:
