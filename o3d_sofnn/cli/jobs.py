@@ -95,6 +95,8 @@ def planned(args: argparse.Namespace, messages: Messages) -> Iterator[Plan]:
     """
     from o3d_sofnn.files import point_files
 
+    if not args.output:
+        raise ValueError("OUT: expected a name, got an empty one")
     is_mesh = args.command == "reconstruct"
     endings = point_files.MESH_OUTPUTS if is_mesh else point_files.CLOUD_OUTPUTS
     input_ending = _ending("input-format", args.input_format, point_files.CLOUD_INPUTS)
