@@ -102,35 +102,29 @@ def planned(args: argparse.Namespace, messages: Messages) -> Iterator[Plan]:
     input_ending = _ending("input-format", args.input_format, point_files.CLOUD_INPUTS)
     output_ending = _ending("output-format", args.output_format, endings)
     with contextlib.ExitStack() as stack:
-        scratch = Path()
+        read_from = write_to = Path()
         if STREAM in (*args.input, args.output):
             _check_streams(args)
-            folder = tempfile.TemporaryDirectory(prefix="o3d-sofnn-", ignore_cleanup_errors=True)
-            scratch = Path(stack.enter_context(folder))
-        read_from = scratch / f"stdin{input_ending}"
-        write_to = scratch / f"stdout{output_ending}"
-        messages.names |= {str(read_from): "standard input", str(write_to): "standard output"}
-        sources = [read_from if s == STREAM else Path(s) for s in _found(args.input, input_ending)]
+            made = tempfile.TemporaryDirectory(prefix="o3d-sofnn-", ignore_cleanup_errors=True)
+            scratch = Path(stack.enter_context(made))
+            read_from = scratch / f"stdin{input_ending or ''}"
+            write_to = scratch / f"stdout{output_ending or ''}"
+            messages.names |= {str(read_from): "standard input", str(write_to): "standard output"}
+        found = _found(args.input, input_ending)
+        sources = [read_from if text == STREAM else Path(text) for text in found]
         several = _are_several(args.output, len(sources), endings)
-        if args.output == STREAM:
-            targets = [write_to]
-        elif several:
+        if several:
             targets = _targets(args.output, sources, output_ending)
         else:
-            targets = [Path(args.output)]
-            said = targets[0].suffix.lower()
-            if output_ending not in (None, said):
-                raise ValueError(
-                    f"--output-format: expected {said[1:] or 'an OUT with an ending'} as OUT is "
-                    f"{args.output}, got {args.output_format}"
-                )
+            is_stream = args.output == STREAM
+            targets = [write_to if is_stream else _target(args.output, output_ending)]
         reports = [] if args.json in (None, STREAM) else [args.json]
         point_files.check_different(sources, [*targets, *reports])
         if several and STEM not in args.output:
             stack.enter_context(_made(Path(args.output)))
         jobs = tuple(
-            Job(s, t, input_ending, s == read_from, t == write_to)
-            for s, t in zip(sources, targets, strict=True)
+            Job(source, target, input_ending, text == STREAM, args.output == STREAM)
+            for text, source, target in zip(found, sources, targets, strict=True)
         )
         yield Plan(jobs, several)
 
@@ -206,6 +200,18 @@ def _are_several(output: str, count: int, endings: Collection[str]) -> bool:
             f"OUT: expected a folder or a name with {STEM} for {count} files, got {shown}"
         )
     return False
+
+
+def _target(output: str, ending: str | None) -> Path:
+    """Return the one file to write."""
+    path = Path(output)
+    said = path.suffix.lower()
+    if ending is not None and ending != said:
+        raise ValueError(
+            f"--output-format: expected {said[1:] or 'an OUT with an ending'} as OUT is {output}, "
+            f"got {ending[1:]}"
+        )
+    return path
 
 
 def _targets(output: str, sources: list[Path], ending: str | None) -> list[Path]:

@@ -226,3 +226,15 @@ def test_the_report_names_the_streams(
     report = json.loads(Path("r.json").read_text())
     assert (report["input"], report["output"]) == ("scans/a.xyz", "-")
     assert len(capfdbinary.readouterr().out.splitlines()) == len(POINTS)
+
+
+def test_files_may_be_called_as_the_streams_are_kept(
+    scans: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    os.rename("scans/a.xyz", "stdin.xyz")
+    formats = ["--input-format", "xyz", "--output-format", "xyz"]
+    assert main.main(["normals", "stdin.xyz", "stdout.xyz", *formats]) == 0
+    assert len(Path("stdout.xyz").read_text().splitlines()) == len(POINTS)
+    Path("stdin.xyz").write_text("1 2\n")
+    assert main.main(["normals", "stdin.xyz", "stdout.xyz", *formats]) == main.BAD_INPUT
+    assert lines(capfd)[0].startswith("o3d-sofnn: error: stdin.xyz: line 1")

@@ -58,6 +58,9 @@ def read_text(path: Path, ending: str) -> PointFile:
     if not columns.has_coordinates(names):
         notes.append(f"no columns x y z: taken from {' '.join(names[:3])}")
         names[:3] = "x", "y", "z"
+    garbled = [name for name in names if "\ufffd" in name]
+    if garbled:
+        notes.append(f"names of columns are no UTF-8, some letters are lost: {' '.join(garbled)}")
     unnamed = [name for name in names if name.startswith("column_")]
     if unnamed and found.names is None:
         notes.append(f"columns without names kept as {' '.join(unnamed)}")
