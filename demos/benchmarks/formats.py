@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import html
 import io
 import sys
 import tempfile
@@ -69,8 +70,8 @@ class Row:
 
     def __str__(self) -> str:
         """Return a line of a table."""
-        cells = (f"`{self.name}`", self.holds, self.result, self.meshlab)
-        return f"| {' | '.join(each.replace('|', '/') for each in cells)} |"
+        texts = (html.escape(each, quote=False) for each in (self.holds, self.result, self.meshlab))
+        return f"| `{self.name}` | {' | '.join(each.replace('|', '/') for each in texts)} |"
 
 
 def main() -> int:
