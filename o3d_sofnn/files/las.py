@@ -255,8 +255,11 @@ def _crs(header: Any) -> str | None:
 def _add_crs(header: Any, crs: str) -> None:
     """Add a coordinate system as WKT, which LAS has since version 1.4."""
     text = sidecar.as_wkt(crs)
-    if text is None or header.version.minor < 4:
-        _logger.warning("LAS output: not kept: coordinate system %s", " ".join(crs.split())[:60])
+    if header.version.minor < 4:
+        _logger.warning("not kept: the coordinate system; LAS has text for it since version 1.4")
+        return
+    if text is None:
+        _logger.warning("%s", sidecar.not_kept(crs))
         return
     header.vlrs.append(_import_laspy().vlrs.known.WktCoordinateSystemVlr(text))
     header.global_encoding.wkt = True

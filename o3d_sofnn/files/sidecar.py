@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 from o3d_sofnn.files.outputs import check_different, check_output, open_atomic
 from o3d_sofnn.files.regular import open_regular
@@ -45,15 +46,30 @@ def as_wkt(crs: str) -> str | None:
     """Return a coordinate system as well-known text; None for a number without pyproj."""
     if not crs.startswith("EPSG:"):
         return crs
-    try:
-        import pyproj
-    except ModuleNotFoundError:
+    pyproj = _import_pyproj()
+    if pyproj is None:
         return None
     try:
         text: str | None = pyproj.CRS.from_user_input(crs).to_wkt("WKT1_GDAL")
     except RuntimeError:  # a number that it does not know
         return None
     return text
+
+
+def not_kept(crs: str) -> str:
+    """Return what to say of a coordinate system that has no well-known text."""
+    reason = "for its text type: pip install pyproj"
+    if _import_pyproj() is not None:
+        reason = "pyproj does not know it"
+    return f"not kept: coordinate system {crs}; {reason}"
+
+
+def _import_pyproj() -> Any:
+    try:
+        import pyproj
+    except ModuleNotFoundError:
+        return None
+    return pyproj
 
 
 def check(path: Path, crs: str | None, others: Iterable[str | os.PathLike[str]]) -> None:
@@ -91,9 +107,7 @@ def write(path: Path, crs: str) -> None:
     """Write the coordinate system of ``path`` beside it; log it where it cannot be written."""
     text = as_wkt(crs)
     if text is None:
-        _logger.warning(
-            "%s: not kept: coordinate system %s, whose text only pyproj may know", path, crs
-        )
+        _logger.warning("%s: %s", path, not_kept(crs))
         return
     with open_atomic(place_of(path)) as stream:
         stream.write(text.encode())

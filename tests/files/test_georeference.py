@@ -73,7 +73,8 @@ def test_an_old_las_has_no_place_for_text(tmp_path: Path, monkeypatch, capfd) ->
     write_las(Path("old.las"), wkt=None, version="1.2")
     Path("old.prj").write_text(WKT)
     assert main.main(["normals", "old.las", "out.las"]) == 0
-    assert "not kept: coordinate system PROJCS" in lines(capfd)[0]
+    said = "not kept: the coordinate system; LAS has text for it since version 1.4"
+    assert lines(capfd) == [f"o3d-sofnn: WARNING: {said}"]
 
 
 def test_a_number_needs_pyproj(tmp_path: Path, monkeypatch, capfd) -> None:
@@ -81,17 +82,26 @@ def test_a_number_needs_pyproj(tmp_path: Path, monkeypatch, capfd) -> None:
     write_las(Path("scan.las"), wkt=None, version="1.2", epsg=25832)
     monkeypatch.setitem(sys.modules, "pyproj", None)
     assert main.main(["normals", "scan.las", "out.ply"]) == 0
-    said = "out.ply: not kept: coordinate system EPSG:25832, whose text only pyproj may know"
-    assert lines(capfd) == [f"o3d-sofnn: WARNING: {said}"]
+    said = "not kept: coordinate system EPSG:25832; for its text type: pip install pyproj"
+    assert lines(capfd) == [f"o3d-sofnn: WARNING: out.ply: {said}"]
     assert not Path("out.prj").exists()
+    cloud = CloudArrays(POINTS, np.zeros_like(POINTS))
+    point_files.write_point_cloud("new.las", cloud, crs="EPSG:25832")
+    assert point_files.read_points("new.las").crs is None
 
     class Known:
         def to_wkt(self, version: str) -> str:
             return WKT
 
-    made = types.SimpleNamespace(CRS=types.SimpleNamespace(from_user_input=lambda _: Known()))
-    monkeypatch.setitem(sys.modules, "pyproj", made)
-    assert main.main(["normals", "scan.las", "out.ply"]) == 0
+    def unknown(crs: str) -> None:
+        raise RuntimeError("Invalid projection")
+
+    for found in (unknown, lambda crs: Known()):
+        made = types.SimpleNamespace(CRS=types.SimpleNamespace(from_user_input=found))
+        monkeypatch.setitem(sys.modules, "pyproj", made)
+        assert not Path("out.prj").exists()
+        assert main.main(["normals", "scan.las", "out.ply"]) == 0
+    assert lines(capfd)[-1].endswith("coordinate system EPSG:25832; pyproj does not know it")
     assert Path("out.prj").read_text() == WKT
 
 

@@ -170,7 +170,7 @@ MESH_KEEPS: dict[str, frozenset[str] | None] = {
 SINGLE_PRECISION = frozenset({".pcd", ".stl", ".glb"})
 
 
-# What stores coordinates about a local origin, and where that is.
+# What stores coordinates about a local origin.
 WITH_ORIGIN = frozenset({".glb"})
 
 
