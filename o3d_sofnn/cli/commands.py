@@ -9,6 +9,7 @@ import logging
 import os
 import sys
 import time
+import warnings
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -100,6 +101,7 @@ def run(args: argparse.Namespace, job: Job, progress: ProgressCallback) -> dict[
     # Imported here: --help and bad options answer at once.
     from o3d_sofnn.cli import findings, georeference
     from o3d_sofnn.files import point_files
+    from o3d_sofnn.operators.common import ReconstructionWarning
 
     mesh_wanted = args.command == "reconstruct"
     options = {
@@ -125,7 +127,10 @@ def run(args: argparse.Namespace, job: Job, progress: ProgressCallback) -> dict[
         options["viewpoint"] = source.viewpoint
         _logger.info("%s: the scanner's place in the file is used", job.source)
     cloud = point_files.as_cloud(source)
-    result, details = (_reconstruct if mesh_wanted else _normals)(cloud, args, options)
+    with warnings.catch_warnings():
+        # The log says them.
+        warnings.simplefilter("ignore", ReconstructionWarning)
+        result, details = (_reconstruct if mesh_wanted else _normals)(cloud, args, options)
     seconds |= details.seconds
     progress(_WRITE_STARTS, "write")
     extra = findings.attributes(details) if args.attributes else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -238,3 +239,24 @@ def test_files_may_be_called_as_the_streams_are_kept(
     Path("stdin.xyz").write_text("1 2\n")
     assert main.main(["normals", "stdin.xyz", "stdout.xyz", *formats]) == main.BAD_INPUT
     assert lines(capfd)[0].startswith("o3d-sofnn: error: stdin.xyz: line 1")
+
+
+def test_ctrl_c_ends_all_and_leaves_what_is_done(
+    scans: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = commands.run
+
+    def interrupted(args, job, progress):
+        if job.source.name == "b.npy":
+            try:
+                signal.raise_signal(signal.SIGINT)
+            except KeyboardInterrupt as error:
+                raise ValueError("what a library has made of it") from error
+        return run(args, job, progress)
+
+    monkeypatch.setattr(commands, "run", interrupted)
+    command = ["normals", "scans", "out", "--json", "report.json"]
+    assert main.main(command) == main.INTERRUPTED
+    assert lines(capfd) == ["o3d-sofnn: error: interrupted"]
+    assert names(Path("out")) == ["a.ply"]
+    assert not Path("report.json").exists()
