@@ -9,15 +9,16 @@ import logging
 import os
 import sys
 import time
+import warnings
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from o3d_sofnn.progress import Progress, rescale
+from o3d_sofnn.cli import streams
+from o3d_sofnn.cli.jobs import Job
+from o3d_sofnn.progress import ProgressCallback, rescale
 
 if TYPE_CHECKING:
     from o3d_sofnn.files.columns import PointFile
-    from o3d_sofnn.results import NormalEstimate, SurfaceEstimate
 
 
 _logger = logging.getLogger(__name__)
@@ -72,14 +73,16 @@ def _memory_limit() -> int | None:
     return None if limit == resource.RLIM_INFINITY else limit
 
 
-def run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Read, compute, write.
+def run(args: argparse.Namespace, job: Job, progress: ProgressCallback) -> dict[str, Any]:
+    """Read, compute, write, for one file.
 
     Parameters
     ----------
     args : argparse.Namespace
         As the parser of :mod:`o3d_sofnn.cli.main` makes it.
-    progress : Progress
+    job : Job
+        Which files; the outputs are checked.
+    progress : callable
         Called with the fraction done and what is being done.
 
     Returns
@@ -96,18 +99,11 @@ def run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """
     started = time.perf_counter()
     # Imported here: --help and bad options answer at once.
+    from o3d_sofnn.cli import findings, georeference
     from o3d_sofnn.files import point_files
+    from o3d_sofnn.operators.common import ReconstructionWarning
 
     mesh_wanted = args.command == "reconstruct"
-    reports = [] if args.json in (None, "-") else [args.json]
-    point_files.check_different([args.input], [args.output, *reports])
-    point_files.check_output(
-        args.output, point_files.MESH_OUTPUTS if mesh_wanted else point_files.CLOUD_OUTPUTS
-    )
-    if args.json == "-":
-        sys.stdout.write("")  # says so now if the stream is closed
-    for report_file in reports:
-        point_files.check_output(report_file, ())
     options = {
         "max_nn": args.max_nn,
         "radius": args.radius,
@@ -120,34 +116,55 @@ def run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     progress(0.0, "read")
     seconds: dict[str, float] = {}
     with _timed(seconds, "read"):
-        source = _read(args.input)
+        source = _read(job)
     if not mesh_wanted:
-        point_files.check_contents(args.output, source, template=args.input)
+        names = findings.ATTRIBUTES if args.attributes else ()
+        point_files.check_contents(job.target, source, job.source, names)
+    place = georeference.place_of(args, job, source)
     for note in source.notes:
-        _logger.warning("%s: %s", args.input, note)
+        _logger.warning("%s: %s", job.source, note)
     if _uses_viewpoint_of(source, args):
         options["viewpoint"] = source.viewpoint
-        _logger.info("%s: the scanner's place in the file is used", args.input)
+        _logger.info("%s: the scanner's place in the file is used", job.source)
     cloud = point_files.as_cloud(source)
-    result, details = (_reconstruct if mesh_wanted else _normals)(cloud, args, options)
+    with warnings.catch_warnings():
+        # The log says them.
+        warnings.simplefilter("ignore", ReconstructionWarning)
+        result, details = (_reconstruct if mesh_wanted else _normals)(cloud, args, options)
     seconds |= details.seconds
     progress(_WRITE_STARTS, "write")
+    extra = findings.attributes(details) if args.attributes else None
+    result = place.moved(result)
     with _timed(seconds, "write"):
         if mesh_wanted:
-            point_files.write_triangle_mesh(args.output, result)
+            point_files.write_triangle_mesh(job.target, result, extra=extra, crs=place.crs)
         else:
-            point_files.write_point_cloud(args.output, result, template=args.input)
+            point_files.write_point_cloud(
+                job.target, result, template=job.source, extra=extra, crs=place.crs
+            )
+        if job.is_to_stream:
+            streams.write_file(job.target)
     progress(1.0, "done")
     seconds["total"] = time.perf_counter() - started
-    report = {"command": args.command, "input": str(args.input), "output": str(args.output)}
-    report |= _figures(source, details)
+    report: dict[str, Any] = {"command": args.command, **job.report}
+    report |= findings.figures(source, details)
+    report["crs"] = source.crs
+    report["offset"] = None if place.offset is None else place.offset.tolist()
     report["viewpoint_of_file"] = _uses_viewpoint_of(source, args)
     report["seconds"] = {name: round(value, 4) for name, value in seconds.items()}
     return report
 
 
-def write_report(report: dict[str, Any], destination: str | None) -> None:
-    """Write a report as JSON to a file, "-" for the standard output stream, or nowhere (None)."""
+def write_report(report: dict[str, Any] | list[dict[str, Any]], destination: str | None) -> None:
+    """Write a report, or those of several files, as JSON.
+
+    Parameters
+    ----------
+    report : dict or list of dict
+        What :func:`run` returns.
+    destination : str or None
+        A file, "-" for the standard output stream, None for nowhere.
+    """
     text = json.dumps(report, indent=2, allow_nan=False) + "\n"
     if destination == "-":
         sys.stdout.write(text)
@@ -159,12 +176,15 @@ def write_report(report: dict[str, Any], destination: str | None) -> None:
             stream.write(text.encode())
 
 
-def _read(path: Path) -> PointFile:
+def _read(job: Job) -> PointFile:
     """Read the input; what is wrong with it is bad input, not a failure of the machine."""
     from o3d_sofnn.files import point_files
 
+    path = job.source
+    if job.is_from_stream:
+        streams.read_file(path)
     try:
-        source = point_files.read_points(path)
+        source = point_files.read_points(path, job.ending)
     except OSError as error:
         # A file may name another one.
         named = error.filename or path
@@ -201,39 +221,6 @@ def _reconstruct(cloud: Any, args: argparse.Namespace, options: dict[str, Any]) 
         **options,
     )
     return tuple(mesh), details
-
-
-def _figures(source: PointFile, details: NormalEstimate | SurfaceEstimate) -> dict[str, Any]:
-    """Return what the report says of the points, and of the mesh if there is one."""
-    from o3d_sofnn import validation
-    from o3d_sofnn.results import SurfaceEstimate
-
-    normals = details.normals if isinstance(details, SurfaceEstimate) else details
-    # In the details a point without finite coordinates counts as an outlier too.
-    not_finite = int((~validation.finite_rows(source.points)).sum())
-    figures = {
-        "points": len(normals.normals),
-        "not_finite": not_finite,
-        "outliers": int(normals.outliers.sum()) - not_finite,
-        "rules": len(normals.rules),
-        "noise_level": normals.noise_level,
-        "spacing": normals.spacing,
-        "sides": {
-            "kind": normals.evidence.kind,
-            "text": normals.evidence.text,
-            **normals.evidence.figures,
-        },
-        "warnings": [*source.notes, *details.warnings],
-    }
-    if isinstance(details, SurfaceEstimate):
-        figures |= {
-            "vertices": len(details.vertices),
-            "triangles": len(details.triangles),
-            "watertight": details.watertight,
-            "closing": None if details.closing is None else vars(details.closing),
-            "quality": vars(details.quality),
-        }
-    return figures
 
 
 @contextlib.contextmanager

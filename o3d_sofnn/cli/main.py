@@ -1,4 +1,4 @@
-"""The command line ``o3d-sofnn normals|reconstruct IN OUT`` and ``compare IN... --out DIR``."""
+"""The command line ``o3d-sofnn normals|reconstruct IN... OUT`` and ``compare IN... --out DIR``."""
 
 from __future__ import annotations
 
@@ -7,16 +7,15 @@ import contextlib
 import logging
 import os
 import signal
-import sys
 from collections.abc import Sequence
 
-from o3d_sofnn.cli import commands, comparison, streams
-from o3d_sofnn.cli.parser import BAD_INPUT, make_parser
+from o3d_sofnn.cli import batch, commands, comparison, streams
+from o3d_sofnn.cli.messages import FAILURE as FAILURE
+from o3d_sofnn.cli.messages import Messages, told
+from o3d_sofnn.cli.parser import BAD_INPUT as BAD_INPUT
+from o3d_sofnn.cli.parser import make_parser
 from o3d_sofnn.cli.signals import Signals
-from o3d_sofnn.progress import make_progress, printable
-
-FAILURE = 1
-
+from o3d_sofnn.progress import make_progress
 
 # What a shell reports for a program that a signal ended is this, and the number of the signal.
 SIGNALLED = 128
@@ -36,8 +35,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        The exit code: 0 done, 2 bad input or options, 1 other failures, 128 and its number after
-        a signal (130 after Ctrl-C).
+        The exit code: 0 done, 2 bad input (also of one of several files) or options, 1 other
+        failures, 128 and its number after a signal (130 after Ctrl-C).
     """
     with streams.guarded(), contextlib.closing(Signals(last=argv is None)) as signals:
         try:
@@ -53,8 +52,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(args: argparse.Namespace, signals: Signals) -> int:
+    said = Messages()
     handler = logging.StreamHandler()
-    handler.setFormatter(_OneLine("o3d-sofnn: %(levelname)s: %(message)s"))
+    handler.setFormatter(said.formatter())
     logging.basicConfig(handlers=[handler], force=True)
     logging.getLogger("laspy").setLevel(logging.CRITICAL)  # one line on errors: ours
     try:
@@ -65,13 +65,12 @@ def _run(args: argparse.Namespace, signals: Signals) -> int:
                 commands.load(args.command)
             if args.command == "compare":
                 return comparison.run(args, progress)
-            report = commands.run(args, progress)
-        commands.write_report(report, args.json)
+            return batch.run(args, progress, said, signals.check)
     except Exception as error:
         if signals.heard is not None:
             raise
-        return _failed(error, args)
-    return 0
+        # Where inputs are told apart, their failures are told by the batch.
+        return said.complain(*told(error, args, "IN"))
 
 
 def _check_working_directory() -> None:
@@ -85,46 +84,4 @@ def _interrupted(number: int) -> int:
     # If code that was a text (as data classes make it) was interrupted, Python would kill itself by
     # SIGINT in place of the exit code, unless other such code has run since.
     exec("")
-    return _complain(SIGNALLED + number, "interrupted")
-
-
-def _failed(error: Exception, args: argparse.Namespace) -> int:
-    """Say in one line what went wrong, unless it is a fault of this program."""
-    match error:
-        case ValueError():
-            return _complain(BAD_INPUT, _as_typed(str(error), args))
-        case MemoryError():
-            return _complain(FAILURE, f"not enough memory{f': {error}' if str(error) else ''}")
-        case OSError(filename=None, strerror=None):
-            return _complain(FAILURE, str(error))
-        case OSError(filename=None):
-            return _complain(FAILURE, str(error.strerror))
-        case OSError():
-            return _complain(FAILURE, f"{error.filename}: {error.strerror}")
-        case ImportError() | RuntimeError():
-            return _complain(FAILURE, str(error))
-    raise error
-
-
-def _as_typed(message: str, args: argparse.Namespace) -> str:
-    """Let a message name what was typed: an option of the shell, or the file of the points."""
-    name, _, rest = message.partition(": ")
-    if name == "pcd":
-        return f"{args.input}: {rest}"
-    if message.startswith("points "):
-        return f"{args.input}: {message}"
-    option = name.removeprefix("n_")
-    return f"--{option.replace('_', '-')}: {rest}" if option in vars(args) else message
-
-
-def _complain(code: int, message: str) -> int:
-    """Write one line and return ``code``."""
-    sys.stderr.write(f"o3d-sofnn: error: {printable(message)}\n")
-    return code
-
-
-class _OneLine(logging.Formatter):
-    """One line a record."""
-
-    def format(self, record: logging.LogRecord) -> str:
-        return printable(super().format(record))
+    return Messages().complain(SIGNALLED + number, "interrupted")

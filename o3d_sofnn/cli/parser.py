@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import sys
 from pathlib import Path
@@ -15,9 +16,17 @@ BAD_INPUT = 2
 
 
 _EXIT_CODES = """\
-exit codes: 0 done, 2 bad input or options, 1 other failures (a full disk), 130 Ctrl-C; after
-other signals 128 and their number.
+exit codes: 0 done, 2 bad input (also one of several) or options, 1 other failures (a full disk),
+130 Ctrl-C; after other signals 128 and their number.
 OUT is written whole or not at all."""
+
+
+_SEVERAL = """\
+Several IN: files, folders (the point files right in them), wildcards in quotes. OUT is then a
+folder, made if need be, or a name with {stem}, which stands for the name of IN without its ending.
+A file that fails does not stop the others.
+-: the standard input as IN (with --input-format), the standard output as OUT (--output-format).
+"""
 
 
 _NORMALS = """\
@@ -40,7 +49,7 @@ nothing was measured. Normals in IN are not needed. No option is needed."""
 _RECONSTRUCT_FILES = """\
 IN: ply pcd npy npz xyz xyzn xyzrgb txt csv asc pts ptx e57 las laz, the vertices of obj off stl
 gltf glb fbx. What is in the file and not used is said.
-OUT: ply obj (with vertex normals, and colours where IN has them), off (with colours), stl.
+OUT: ply obj glb (with vertex normals, and colours where IN has them), off (with colours), stl.
 """
 
 
@@ -54,6 +63,14 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         self.exit(BAD_INPUT, f"o3d-sofnn: error: {printable(message)} (see {self.prog} --help)\n")
+
+    def parse_known_args(self, *args: Any) -> tuple[Any, list[str]]:  # type: ignore[override]
+        """Let options stand between files: argparse takes those behind an option for too many."""
+        found, left = super().parse_known_args(*args)
+        if hasattr(found, "output") and all(each == "-" or each[:1] != "-" for each in left):
+            files = [*found.input, found.output, *left]
+            found.input, found.output, left = files[:-1], files[-1], []
+        return found, left
 
 
 class _Version(argparse.Action):
@@ -92,7 +109,7 @@ def _add_command(
         parents=[common],
         help=purpose,
         description=text,
-        epilog=files + _EXIT_CODES,
+        epilog=files + _SEVERAL + _EXIT_CODES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     return parser
@@ -184,6 +201,18 @@ def _number_or_auto(text: str) -> float | str:
         ) from None
 
 
+def _offset(text: str) -> tuple[float, ...] | str:
+    if text == "auto":
+        return text
+    try:
+        numbers = tuple(float(each) for each in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != 3 or not all(math.isfinite(each) for each in numbers):
+        raise argparse.ArgumentTypeError(f"expected X,Y,Z or auto, got {text!r}")
+    return numbers
+
+
 def _add_progress(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--progress",
@@ -195,8 +224,20 @@ def _add_progress(parser: argparse.ArgumentParser) -> None:
 
 def _common_options() -> _Parser:
     common = _Parser(add_help=False)
-    common.add_argument("input", type=Path, metavar="IN", help="a point file (ply pcd xyz las ...)")
-    common.add_argument("output", type=Path, metavar="OUT", help="the file to write")
+    common.add_argument(
+        "input", nargs="+", metavar="IN", help="point files (ply pcd xyz las ...), folders, or -"
+    )
+    common.add_argument("output", metavar="OUT", help="the file to write, a folder, or -")
+    common.add_argument(
+        "--input-format",
+        metavar="F",
+        help="format of IN (xyz, las ...) whatever its ending says; needed for -",
+    )
+    common.add_argument(
+        "--output-format",
+        metavar="F",
+        help="format of the files in a folder OUT (default: ply); needed for -",
+    )
     common.add_argument(
         "--max-nn", type=int, metavar="K", help="largest neighbourhood of a local fit, in points"
     )
@@ -207,5 +248,18 @@ def _common_options() -> _Parser:
         "--threads", type=int, default=-1, metavar="N", help="threads; -1 (default): all cores"
     )
     _add_progress(common)
+    common.add_argument(
+        "--offset",
+        type=_offset,
+        metavar="X,Y,Z",
+        help="take this from all coordinates that are written, for formats and programs with "
+        "single precision; auto: round numbers near the points",
+    )
+    common.add_argument(
+        "--attributes",
+        action="store_true",
+        help="write confidence, noise and outlier of each point (of each vertex: confidence, "
+        "noise) to OUT: ply npz las laz",
+    )
     common.add_argument("--json", metavar="REPORT", help="write a report as JSON; - for the screen")
     return common

@@ -5,8 +5,10 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import shutil
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, TextIO, cast
 
 
@@ -37,6 +39,15 @@ class _Stream:
             encoding = self._stream.encoding or "utf-8"
             self._stream.write(text.encode(encoding, "backslashreplace").decode(encoding))
         return len(text)
+
+    def write_file(self, path: Path) -> None:
+        """Write the bytes of a file."""
+        with self._trouble_named(), path.open("rb") as source:
+            if self._stream is None:
+                raise OSError(errno.EBADF, "closed")
+            self._stream.flush()
+            shutil.copyfileobj(source, self._stream.buffer)
+            self._stream.buffer.flush()
 
     def flush(self) -> None:
         """Hand over what was written."""
@@ -69,6 +80,25 @@ def _drain(stream: TextIO) -> None:
     """Let what is left in a stream go nowhere: Python would try again, and complain, at its end."""
     with contextlib.suppress(OSError, ValueError), open(os.devnull, "w") as sink:
         os.dup2(sink.fileno(), stream.fileno())
+
+
+def write_file(path: Path) -> None:
+    """Write the bytes of a file to the standard output stream, within the block of ``guarded``."""
+    cast(_Stream, sys.stdout).write_file(path)
+
+
+def read_file(path: Path) -> None:
+    """Write what comes by the standard input stream to a file.
+
+    Raises
+    ------
+    OSError
+        The stream is closed or broken, or the disk is full.
+    """
+    if sys.stdin is None:
+        raise OSError(errno.EBADF, "closed", "standard input")
+    with path.open("xb") as target:
+        shutil.copyfileobj(sys.stdin.buffer, target)
 
 
 @contextlib.contextmanager

@@ -9,21 +9,26 @@ from __future__ import annotations
 import contextlib
 import io
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
-from o3d_sofnn.files import child, columns, las_layout
+from o3d_sofnn.files import child, columns, las_layout, sidecar
 from o3d_sofnn.files.columns import Array, PointFile
 from o3d_sofnn.files.regular import open_regular, read_records
-from o3d_sofnn.files.writers import color_levels
+from o3d_sofnn.files.writers.colors import color_levels
 
 if TYPE_CHECKING:
     from o3d_sofnn.adapters import CloudArrays
 
 FORMATS = frozenset({".las", ".laz"})
+
+
+_logger = logging.getLogger(__name__)
 
 
 _NORMALS = ("NormalX", "NormalY", "NormalZ")
@@ -70,7 +75,14 @@ def read_las(path: Path) -> PointFile:
         return columns.from_columns(path, found, crs=_crs(data.header))
 
 
-def write_las(stream: BinaryIO, cloud: CloudArrays, compress: bool, template: Path | None) -> None:
+def write_las(
+    stream: BinaryIO,
+    cloud: CloudArrays,
+    compress: bool,
+    template: Path | None,
+    extra: Mapping[str, NDArray[Any]] = MappingProxyType({}),
+    crs: str | None = None,
+) -> None:
     """Write points and normals (extra dimensions NormalX, NormalY, NormalZ in double).
 
     Parameters
@@ -85,6 +97,10 @@ def write_las(stream: BinaryIO, cloud: CloudArrays, compress: bool, template: Pa
         A LAS or LAZ file with the same points in the same order: everything in it (scale, offset,
         coordinate system, all dimensions) is kept, but for the index of COPC. None writes LAS 1.4
         with coordinates rounded to the finest power of ten that 32 bits hold over the extent.
+    extra : mapping of str to numpy.ndarray, shape (n, 1)
+        Further numbers per point: extra dimensions of their type, under names that are free.
+    crs : str, optional
+        Coordinate system, for a template without one too.
 
     Raises
     ------
@@ -98,10 +114,17 @@ def write_las(stream: BinaryIO, cloud: CloudArrays, compress: bool, template: Pa
         raise ValueError(
             f"pcd: expected the {len(data.points)} points of {template}, got {len(cloud.points)}"
         )
-    _write(stream, data, cloud.normals, compress)
+    if crs is not None and _crs(data.header) is None:
+        _add_crs(data.header, crs)
+    _write(stream, data, cloud.normals, compress, extra)
 
 
-def check_las(points: Array, compress: bool, template: Path | None) -> None:
+def check_las(
+    points: Array,
+    compress: bool,
+    template: Path | None,
+    extra: Mapping[str, NDArray[Any]] = MappingProxyType({}),
+) -> None:
     """Raise what :func:`write_las` would raise, without the points.
 
     Parameters
@@ -110,6 +133,8 @@ def check_las(points: Array, compress: bool, template: Path | None) -> None:
         What is going to be written.
     compress, template
         As of :func:`write_las`.
+    extra : mapping of str to numpy.ndarray, shape (1, 1)
+        The same with one row.
     """
     laspy = _import_laspy()
     if template is None:
@@ -119,11 +144,22 @@ def check_las(points: Array, compress: bool, template: Path | None) -> None:
         header = _read_header(stream, template)[1]
     with _laspy_errors(template, "to be written again, choose an OUT like .ply"):
         one = laspy.LasData(header, laspy.PackedPointRecord.zeros(1, header.point_format))
-        _write(io.BytesIO(), one, np.zeros((1, 3)), compress)
+        _write(io.BytesIO(), one, np.zeros((1, 3)), compress, extra)
 
 
-def _write(stream: BinaryIO, data: Any, normals: Array | None, compress: bool) -> None:
+def _write(
+    stream: BinaryIO,
+    data: Any,
+    normals: Array | None,
+    compress: bool,
+    extra: Mapping[str, NDArray[Any]],
+) -> None:
     laspy = _import_laspy()
+    # LAS has no dimension of yes and no.
+    types = {name: v.dtype if v.dtype.kind in "iuf" else "u1" for name, v in extra.items()}
+    data.add_extra_dims([laspy.ExtraBytesParams(name, kind) for name, kind in types.items()])
+    for name, values in extra.items():
+        data[name] = values[:, 0]
     if normals is not None:
         kinds = {d.name: d.dtype for d in data.point_format.extra_dimensions}
         # A dimension of whole numbers would round normals to nothing.
@@ -214,6 +250,19 @@ def _crs(header: Any) -> str | None:
     }
     codes = [keys[key] for key in _EPSG_KEYS if 1024 <= keys.get(key, 0) <= 32766]
     return f"EPSG:{codes[0]}" if codes else None
+
+
+def _add_crs(header: Any, crs: str) -> None:
+    """Add a coordinate system as WKT, which LAS has since version 1.4."""
+    text = sidecar.as_wkt(crs)
+    if header.version.minor < 4:
+        _logger.warning("not kept: the coordinate system; LAS has text for it since version 1.4")
+        return
+    if text is None:
+        _logger.warning("%s", sidecar.not_kept(crs))
+        return
+    header.vlrs.append(_import_laspy().vlrs.known.WktCoordinateSystemVlr(text))
+    header.global_encoding.wkt = True
 
 
 @contextlib.contextmanager

@@ -54,19 +54,20 @@ def check_different(
     inputs: Iterable[str | os.PathLike[str]], outputs: Iterable[str | os.PathLike[str]]
 ) -> None:
     """Raise ``ValueError`` when an output is an input or another output, under whatever name."""
-    named = [*inputs]
+    named = {_identity(Path(each)): each for each in inputs}
     for output in outputs:
-        for other in named:
-            if _is_same(Path(output), Path(other)):
-                raise ValueError(f"{output}: expected another file than {other}, got the same")
-        named.append(output)
+        other = named.setdefault(_identity(Path(output)), output)
+        if other is not output:
+            raise ValueError(f"{output}: expected another file than {other}, got the same")
 
 
-def _is_same(one: Path, other: Path) -> bool:
+def _identity(path: Path) -> tuple[int, int] | str:
+    """Return what is the same for all names of a file."""
     try:
-        return one.samefile(other)
-    except (OSError, ValueError):  # not both are there
-        return os.path.realpath(one) == os.path.realpath(other)
+        found = path.stat()
+    except (OSError, ValueError):  # not there
+        return os.path.realpath(path)
+    return found.st_dev, found.st_ino
 
 
 @contextlib.contextmanager

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn import adapters
-from o3d_sofnn.files import las, reading, writers
+from o3d_sofnn.files import las, reading, sidecar
 from o3d_sofnn.files.columns import PointFile as PointFile
 from o3d_sofnn.files.outputs import check_different as check_different
 from o3d_sofnn.files.outputs import check_ending
 from o3d_sofnn.files.outputs import check_output as check_output
 from o3d_sofnn.files.outputs import open_atomic as open_atomic
+from o3d_sofnn.files.writers import fitting, formats
 
 _logger = logging.getLogger(__name__)
 
@@ -25,28 +27,27 @@ _logger = logging.getLogger(__name__)
 CLOUD_INPUTS = reading.FORMATS
 
 
-CLOUD_OUTPUTS = frozenset(writers.CLOUD_WRITERS) | las.FORMATS
+CLOUD_OUTPUTS = frozenset(formats.CLOUD_WRITERS) | las.FORMATS
 
 
-MESH_OUTPUTS = frozenset(writers.MESH_WRITERS)
+MESH_OUTPUTS = frozenset(formats.MESH_WRITERS)
 
 
-# Rounding may move a coordinate by this share of the typical distance between neighbours.
-_ROUNDING_SHARE = 0.01
-
-
-def read_points(path: str | os.PathLike[str]) -> PointFile:
+def read_points(path: str | os.PathLike[str], ending: str | None = None) -> PointFile:
     """Read points of any known format, with all that the file has per point.
 
     Parameters
     ----------
     path : path-like
         The file; its ending says the format. Of a mesh file the vertices are taken.
+    ending : str, optional
+        Read as if the file had this ending (``.xyz``).
 
     Returns
     -------
     PointFile
-        Arrays, where the scanner stood, and ``notes`` on what is not as in the file.
+        Arrays, where the scanner stood, and ``notes`` on what is not as in the file. A coordinate
+        system may be beside the file, with the ending .prj.
 
     Raises
     ------
@@ -58,8 +59,16 @@ def read_points(path: str | os.PathLike[str]) -> PointFile:
         What the format needs is missing; the message says what to type.
     """
     path = Path(path)
-    check_ending(path, CLOUD_INPUTS)
-    return reading.read(path)
+    if ending is None:
+        ending = check_ending(path, CLOUD_INPUTS)
+    elif ending not in CLOUD_INPUTS:
+        known = " ".join(sorted(CLOUD_INPUTS))
+        raise ValueError(f"ending: expected one of {known}, got {ending!r}")
+    file = reading.read(path, ending)
+    if file.crs is not None:
+        return file
+    crs, notes = sidecar.read(path)
+    return replace(file, crs=crs, notes=(*file.notes, *notes))
 
 
 def read_point_cloud(path: str | os.PathLike[str]) -> Any:
@@ -93,7 +102,12 @@ def as_cloud(file: PointFile) -> adapters.CloudArrays:
 
 
 def write_point_cloud(
-    path: str | os.PathLike[str], pcd: Any, *, template: str | os.PathLike[str] | None = None
+    path: str | os.PathLike[str],
+    pcd: Any,
+    *,
+    template: str | os.PathLike[str] | None = None,
+    extra: Mapping[str, NDArray[Any]] | None = None,
+    crs: str | None = None,
 ) -> None:
     """Write points, normals and (as far as the format has room) attributes, whole or not at all.
 
@@ -107,6 +121,13 @@ def write_point_cloud(
     template : path-like, optional
         The file that ``pcd`` was read from: a LAS or LAZ output then keeps what only such a file
         holds (scale, offset, coordinate system). Ignored unless both are LAS or LAZ.
+    extra : mapping of str to numpy.ndarray, shape (n,), optional
+        Further numbers per point, under their names: properties of PLY, arrays of NPZ, extra bytes
+        of LAS and LAZ. A name that the points have already gets a number; what a format cannot
+        hold is logged.
+    crs : str, optional
+        Coordinate system, as of :class:`PointFile`: LAS and LAZ hold it (that of ``template`` is
+        kept), for other formats it is written beside ``path``, with the ending .prj.
 
     Raises
     ------
@@ -119,25 +140,43 @@ def write_point_cloud(
     suffix = check_ending(path, CLOUD_OUTPUTS)
     arrays = adapters.read_cloud(pcd)
     source = _las_template(path, template)
-    _warn_of_rounding(path, arrays.points)
-    if source is None:
-        arrays = _fitting(path, arrays, writers.CLOUD_KEEPS[suffix])
+    fitting.warn_of_rounding(path, arrays.points)
+    keeps = formats.CLOUD_KEEPS[suffix]
+    if suffix in las.FORMATS:
+        if source is None:
+            arrays = fitting.fitted(path, arrays, keeps)
+        named = fitting.named(path, extra or {}, arrays.attributes)
+        with open_atomic(path) as stream:
+            las.write_las(stream, arrays, suffix == ".laz", source, named, crs)
+        return
+    arrays = fitting.joined(arrays, fitting.named(path, extra or {}, arrays.attributes))
+    arrays = fitting.fitted(path, arrays, keeps)
     with open_atomic(path) as stream:
-        if suffix in las.FORMATS:
-            las.write_las(stream, arrays, compress=suffix == ".laz", template=source)
-        else:
-            writers.CLOUD_WRITERS[suffix](stream, arrays)
+        formats.CLOUD_WRITERS[suffix](stream, arrays)
+    if crs is not None:
+        sidecar.write(path, crs)
 
 
-def write_triangle_mesh(path: str | os.PathLike[str], mesh: Any) -> None:
+def write_triangle_mesh(
+    path: str | os.PathLike[str],
+    mesh: Any,
+    *,
+    extra: Mapping[str, NDArray[Any]] | None = None,
+    crs: str | None = None,
+) -> None:
     """Write a mesh with vertex normals and colours, whole or not at all.
 
     Parameters
     ----------
     path : path-like
-        .ply, .obj and .off keep every digit; .stl is single precision without colours.
+        .ply, .obj and .off keep every digit; .glb is single precision about a local origin; .stl is
+        single precision without colours.
     mesh : open3d.geometry.TriangleMesh or open3d.t.geometry.TriangleMesh
         The mesh.
+    extra : mapping of str to numpy.ndarray, shape (m,), optional
+        Further numbers per vertex, as of :func:`write_point_cloud`.
+    crs : str, optional
+        Coordinate system, written beside ``path`` with the ending .prj.
 
     Raises
     ------
@@ -149,14 +188,20 @@ def write_triangle_mesh(path: str | os.PathLike[str], mesh: Any) -> None:
     path = Path(path)
     suffix = check_ending(path, MESH_OUTPUTS)
     vertices, triangles = adapters.read_mesh(mesh)
-    _warn_of_rounding(path, vertices.points)
-    vertices = _fitting(path, vertices, writers.MESH_KEEPS[suffix])
+    fitting.warn_of_rounding(path, vertices.points)
+    vertices = fitting.joined(vertices, fitting.named(path, extra or {}, vertices.attributes))
+    vertices = fitting.fitted(path, vertices, formats.MESH_KEEPS[suffix])
     with open_atomic(path) as stream:
-        writers.MESH_WRITERS[suffix](stream, vertices, triangles)
+        formats.MESH_WRITERS[suffix](stream, vertices, triangles)
+    if crs is not None:
+        sidecar.write(path, crs)
 
 
 def check_contents(
-    path: str | os.PathLike[str], file: PointFile, template: str | os.PathLike[str] | None = None
+    path: str | os.PathLike[str],
+    file: PointFile,
+    template: str | os.PathLike[str] | None = None,
+    extra: Collection[str] = (),
 ) -> None:
     """Raise what writing the points of ``file`` to ``path`` would raise, before the work is done.
 
@@ -168,6 +213,8 @@ def check_contents(
         What is going to be written there, with normals.
     template : path-like, optional
         As of :func:`write_point_cloud`.
+    extra : collection of str, optional
+        Names of further numbers per point.
 
     Raises
     ------
@@ -178,7 +225,10 @@ def check_contents(
     """
     path = Path(path)
     if path.suffix.lower() in las.FORMATS:
-        las.check_las(file.points, path.suffix.lower() == ".laz", _las_template(path, template))
+        source = _las_template(path, template)
+        taken = {} if source is None else file.attributes
+        one = {name: np.zeros(1) for name in extra}
+        las.check_las(file.points, path.suffix.lower() == ".laz", source, fitting.free(one, taken))
 
 
 def _las_template(path: Path, template: str | os.PathLike[str] | None) -> Path | None:
@@ -186,43 +236,3 @@ def _las_template(path: Path, template: str | os.PathLike[str] | None) -> Path |
     if template is None or path.suffix.lower() not in las.FORMATS:
         return None
     return Path(template) if Path(template).suffix.lower() in las.FORMATS else None
-
-
-def _fitting(
-    path: Path, arrays: adapters.CloudArrays, keeps: Collection[str] | None
-) -> adapters.CloudArrays:
-    """Return what a format has room for, and log what it has not; None keeps all per point."""
-    count = len(arrays.points)
-    per_point = {name: v for name, v in arrays.attributes.items() if v.shape[:1] == (count,)}
-    others = sorted(arrays.attributes.keys() - per_point.keys())
-    if others:
-        _logger.warning("%s: not kept, as not one per point: %s", path, " ".join(others))
-    lost = [] if keeps is None or arrays.normals is None or "normals" in keeps else ["normals"]
-    lost += [] if keeps is None else sorted(per_point.keys() - set(keeps))
-    if lost:
-        _logger.warning("%s: not kept: %s; .ply keeps them", path, " ".join(lost))
-    rounded = [name for name, values in per_point.items() if _is_beyond_double(values)]
-    if path.suffix.lower() == ".ply" and rounded:
-        _logger.warning("%s: rounded to double precision: %s", path, " ".join(rounded))
-    return adapters.CloudArrays(arrays.points, arrays.normals, per_point)
-
-
-def _is_beyond_double(values: NDArray[Any]) -> bool:
-    """Return whether there are integers that double precision may round."""
-    if values.dtype.kind not in "iu" or values.size == 0:
-        return False
-    return max(int(values.max()), -int(values.min())) > 2**53
-
-
-def _warn_of_rounding(path: Path, points: NDArray[np.float64]) -> None:
-    """Say so when single precision would visibly move the points of a large-coordinate cloud."""
-    finite = points[np.isfinite(points).all(axis=1)]
-    if path.suffix.lower() not in writers.SINGLE_PRECISION or len(finite) == 0:
-        return
-    rounding = float(np.spacing(np.abs(finite).max().astype(np.float32)))
-    # Points on a surface: their number grows with the square of extent / spacing.
-    spacing = float(np.ptp(finite, axis=0).max()) / np.sqrt(len(finite))
-    if rounding > _ROUNDING_SHARE * spacing:
-        _logger.warning(
-            "%s: single precision rounds these coordinates to %.3g; .ply keeps them", path, rounding
-        )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
@@ -29,7 +30,7 @@ _READERS: dict[str, Callable[[Path], PointFile]] = {
     ".gltf": gltf.read_gltf,
     ".glb": gltf.read_gltf,
     ".fbx": natives.read_fbx,
-    **dict.fromkeys(text.FORMATS, text.read_text),
+    **{ending: functools.partial(text.read_text, ending=ending) for ending in text.FORMATS},
     **dict.fromkeys(las.FORMATS, las.read_las),
 }
 
@@ -48,15 +49,15 @@ _MESH_READERS: dict[str, Callable[[Path], tuple[Array, Triangles]]] = {
 FORMATS = frozenset(_READERS)
 
 
-def read(path: Path) -> PointFile:
-    """Return the contents of a file whose ending is in ``FORMATS``.
+def read(path: Path, ending: str) -> PointFile:
+    """Return the contents of a file in the format of an ending in ``FORMATS``.
 
     Raises
     ------
     OSError, ValueError, ImportError
         As of the reader; the message names the file.
     """
-    return _guarded(_READERS[path.suffix.lower()], path)
+    return _guarded(_READERS[ending], path)
 
 
 def read_triangles(path: Path) -> tuple[Array, Triangles]:

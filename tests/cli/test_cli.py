@@ -207,7 +207,7 @@ def test_a_bar_on_request(tmp_path, scan, capfd):
         ["normals", "a.ply", "b.ply", "--depth", "7"],
         ["normals", "a.ply", "b.ply", "--viewpoint", "1", "2"],
         ["normals", "a.ply", "b.ply", "--viewpoint", "1", "2", "-x"],
-        ["normals", "a.ply", "b.ply", "two\nlines \x1b[31m"],
+        ["normals", "a.ply", "b.ply", "--two\nlines\x1b[31m"],
         ["reconstruct", "a.ply", "b.ply", "--depth", "deep"],
         ["reconstruct", "a.ply", "b.ply", "--trim", "much"],
         ["reconstruct", "a.ply", "b.ply", "--depth", "7", "--voxel-size", "1"],

@@ -12,7 +12,8 @@ import pytest
 import shapes
 
 from o3d_sofnn.cli import commands, main
-from o3d_sofnn.files import outputs, point_files, writers
+from o3d_sofnn.files import outputs, point_files
+from o3d_sofnn.files.writers import formats
 
 pytest.importorskip("open3d")
 
@@ -47,7 +48,7 @@ def test_in_the_midst_of_writing(tmp_path, scan, capfd, monkeypatch, number):
         signal.raise_signal(number)
         pytest.fail("went on")
 
-    monkeypatch.setitem(writers.CLOUD_WRITERS, ".ply", write)
+    monkeypatch.setitem(formats.CLOUD_WRITERS, ".ply", write)
     assert main.main(["normals", str(scan), str(output)]) == 128 + number
     assert capfd.readouterr() == ("", "o3d-sofnn: error: interrupted\n")
     assert sorted(tmp_path.iterdir()) == [output, scan]
@@ -65,7 +66,7 @@ def test_what_libraries_make_of_it_does_not_count(tmp_path, scan, capfd, monkeyp
     assert main.main(arguments) == 128 + number
     assert capfd.readouterr().err == "o3d-sofnn: error: interrupted\n"
 
-    def swallow(args, progress):
+    def swallow(args, job, progress):
         try:
             signal.raise_signal(number)
         except KeyboardInterrupt:
@@ -94,7 +95,7 @@ def test_while_libraries_load_signals_wait(tmp_path, scan, monkeypatch):
 def test_the_second_signal_finds_nobody(tmp_path, scan, capfd, monkeypatch):
     """Neither while the first one is tidied up after, nor while the interpreter ends."""
 
-    def twice(args, progress):
+    def twice(args, job, progress):
         try:
             signal.raise_signal(signal.SIGHUP)
         finally:
@@ -173,7 +174,7 @@ def test_the_exit_code_is_ours_wherever_the_signal_came(tmp_path):
         "from o3d_sofnn.cli import commands, main\n"
         "commands.load = lambda command: None\n"
         "source = 'import signal; signal.raise_signal(signal.SIGTERM)'\n"
-        "commands.run = lambda args, progress: exec(source)\n"
+        "commands.run = lambda args, job, progress: exec(source)\n"
         "sys.exit(main.main())\n"
     )
     process = subprocess.run(

@@ -41,6 +41,21 @@ def test_it_works_with_nothing_but_the_two_files(tmp_path: Path, scan: Path) -> 
     assert np.allclose(np.linalg.norm(np.asarray(cloud.normals), axis=1), 1.0)
 
 
+@pytest.mark.parametrize("command", ["normals", "reconstruct"])
+def test_a_warning_is_one_line(tmp_path: Path, command: str) -> None:
+    points = shapes.torus(400).points
+    points[3] = np.nan
+    np.savetxt(tmp_path / "scan.xyz", points)
+    process = subprocess.run(
+        [sys.executable, "-m", "o3d_sofnn", command, "scan.xyz", "out.ply"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    said = "1 of 400 points are not finite (NaN or inf) and were left out"
+    assert process.stderr == f"o3d-sofnn: WARNING: {said}\n"
+
+
 @pytest.mark.parametrize("options", [["--json", "-"], ["--progress", "plain"]])
 def test_a_closed_standard_output_is_said_before_the_work(
     tmp_path: Path, scan: Path, capsys: pytest.CaptureFixture[str], monkeypatch, options

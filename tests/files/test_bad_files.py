@@ -100,7 +100,7 @@ def test_a_file_without_permission(tmp_path, capfd, monkeypatch, scan):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(self))
 
     # Real permissions do not stop root, as whom tests run in containers.
-    monkeypatch.setattr(point_files.reading, "read", lambda path: refuse(path))
+    monkeypatch.setattr(point_files.reading, "read", lambda path, ending: refuse(path))
     assert main.main(["normals", str(scan), str(tmp_path / "out.ply")]) == main.BAD_INPUT
     assert "Permission denied" in complaint(capfd)
 

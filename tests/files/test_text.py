@@ -186,5 +186,12 @@ def test_no_points_but_contents(tmp_path, text):
         read(tmp_path, text)
 
 
+def test_names_in_another_encoding_are_said(tmp_path):
+    (tmp_path / "scan.csv").write_bytes("x;y;z;Höhe\n1;2;3;4\n5;6;7;8\n".encode("latin-1"))
+    file = point_files.read_points(tmp_path / "scan.csv")
+    assert list(file.attributes) == ["H\ufffdhe"]
+    assert file.notes == ("names of columns are no UTF-8, some letters are lost: H\ufffdhe",)
+
+
 def test_nothing_but_comments_is_empty(tmp_path):
     assert read(tmp_path, "# x y z\n\n").points.shape == (0, 3)

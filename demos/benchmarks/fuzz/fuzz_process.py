@@ -98,6 +98,8 @@ def command_call(rng: np.random.Generator, folder: Path) -> str:
     errors = [line for line in err.getvalue().splitlines() if "error: " in line]
     if left_behind(folder):
         return "left a file"
+    if errors and errors[-1].endswith(" files failed"):
+        errors = errors[:1]  # a line for each of them
     if code in (1, 2) and command != "compare" and len(errors) != 1:
         return f"exit {code} with {len(errors)} lines: {err.getvalue()[:200]!r}"
     return "done" if code == 0 else f"exit {code}"

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn.adapters import CloudArrays
-from o3d_sofnn.files import writers
+from o3d_sofnn.files.writers import formats
 
 Array = NDArray[Any]
 
@@ -79,7 +79,7 @@ def _scans(cloud: CloudArrays) -> Iterator[tuple[str, bytes]]:
 
 def _tables(cloud: CloudArrays) -> Iterator[tuple[str, bytes]]:
     points, colors = cloud.points, cloud.attributes["colors"]
-    for write, ending in ((writers.write_cloud_ply, "ply"), (writers.write_cloud_pcd, "pcd")):
+    for write, ending in ((formats.write_cloud_ply, "ply"), (formats.write_cloud_pcd, "pcd")):
         yield f"ours.{ending}", _written(write, cloud)
     header = f"ply\nformat {{}} 1.0\ncomment seed\nelement vertex {POINTS}\n" + "".join(
         f"property float {axis}\n" for axis in "xyz"
@@ -111,7 +111,7 @@ def _tables(cloud: CloudArrays) -> Iterator[tuple[str, bytes]]:
     zeros = np.zeros((POINTS, 4))
     rows = _rows(points, zeros, packed[:, np.newaxis], fmt="%.10g")
     yield "ascii.pcd", f"{head}DATA ascii\n{rows}".encode()
-    yield "ours.npz", _written(writers.write_cloud_npz, cloud)
+    yield "ours.npz", _written(formats.write_cloud_npz, cloud)
     stream = io.BytesIO()
     np.savez_compressed(stream, points=points, normals=cloud.normals, label=np.arange(POINTS))
     yield "deflated.npz", stream.getvalue()
@@ -187,10 +187,10 @@ def _pack_lzf(data: bytes) -> bytes:
 def _meshes(cloud: CloudArrays) -> Iterator[tuple[str, bytes]]:
     triangles = np.arange(POINTS).reshape(-1, 3)
     for write, name in (
-        (writers.write_mesh_obj, "colors.obj"),
-        (writers.write_mesh_off, "colors.off"),
-        (writers.write_mesh_stl, "binary.stl"),
-        (writers.write_mesh_ply, "mesh.ply"),
+        (formats.write_mesh_obj, "colors.obj"),
+        (formats.write_mesh_off, "colors.off"),
+        (formats.write_mesh_stl, "binary.stl"),
+        (formats.write_mesh_ply, "mesh.ply"),
     ):
         stream = io.BytesIO()
         write(stream, cloud, triangles)

@@ -67,12 +67,14 @@ GOOD: dict[str, tuple[Any, ...]] = {
 WORDS = (
     *("", "-", "--", "0", "1", "-1", "-1e5", "-.5", "1e999", "nan", "-inf", "auto", "9" * 5000),
     *("7", "0.5", "none", "plain", "bar", "x\ny", "\x1b[31m", "点", "\udcff", "--depth", "-h", "."),
+    *("xyz", "las", "obj", "1,2,3", "*", "{stem}.ply"),
 )
 """Arguments of a command line."""
 FLAGS = (
     *("--max-nn", "--radius", "--threads", "--progress", "--json", "--viewpoint", "--towards"),
     *("--depth", "--voxel-size", "--trim", "--target-triangles", "--precision", "--use-normals"),
-    *("--closed", "--no-viewpoint"),
+    *("--closed", "--no-viewpoint", "--attributes", "--offset"),
+    *("--input-format", "--output-format"),
     *("--methods", "--out", "--points", "--noise", "--sizes", "--timeout", "--quick", "--up"),
     *("--clouds", "--nonsense"),
 )

@@ -25,8 +25,8 @@ FORMATS = frozenset({".xyz", ".xyzn", ".xyzrgb", ".pts", ".txt", ".csv", ".asc"}
 _UNIT_SLACK = 0.02
 
 
-def read_text(path: Path) -> PointFile:
-    """Read lines ``x y z ...``.
+def read_text(path: Path, ending: str) -> PointFile:
+    """Read lines ``x y z ...``; the ending says what columns without names may be.
 
     Delimited by comma, semicolon, tab, bar or blanks; decimal point or comma; UTF-8 or UTF-16;
     comments; names of columns; a line with the number of points (in PTS before every scan).
@@ -43,22 +43,24 @@ def read_text(path: Path) -> PointFile:
         found = layout.find(Lines(stream, path))
     if found is None:
         return PointFile(np.zeros((0, 3)))
-    suffix = path.suffix.lower()
     with open_text(path) as stream:
         for _ in itertools.islice(stream, found.skip):
             pass
         lines = Lines(stream, path, found.skip)
-        rows = _Rows(found, lines, has_scans=suffix == ".pts")
+        rows = _Rows(found, lines, has_scans=ending == ".pts")
         # Fields are delimited anew where words are left out.
         delimiter = found.split.delimiter if len(found.used) == found.width else None
         table = read_table(rows, len(found.used), lines, delimiter)
     rows.check(path, len(table))
     check_end(path, "," if found.split.decimal_comma else ".")
-    names = columns.unique_names(found.names or _guess_names(table, suffix))
+    names = columns.unique_names(found.names or _guess_names(table, ending))
     notes = list(found.notes)
     if not columns.has_coordinates(names):
         notes.append(f"no columns x y z: taken from {' '.join(names[:3])}")
         names[:3] = "x", "y", "z"
+    garbled = [name for name in names if "\ufffd" in name]
+    if garbled:
+        notes.append(f"names of columns are no UTF-8, some letters are lost: {' '.join(garbled)}")
     unnamed = [name for name in names if name.startswith("column_")]
     if unnamed and found.names is None:
         notes.append(f"columns without names kept as {' '.join(unnamed)}")

@@ -13,6 +13,9 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from o3d_sofnn.files.writers.colors import color_levels
+from o3d_sofnn.files.writers.glb import write_mesh_glb
+
 if TYPE_CHECKING:
     from o3d_sofnn.adapters import CloudArrays
 
@@ -27,9 +30,6 @@ _PLY_TYPES = {
     "f4": "float",
     "f8": "double",
 }
-
-
-_COLOR_LEVELS = {"b": 1.0, "u1": 255.0, "u2": 65535.0}
 
 
 # Rows formatted at a time by the text writers: bounds their memory.
@@ -141,6 +141,7 @@ MESH_WRITERS: dict[str, Callable[[BinaryIO, CloudArrays, NDArray[np.int64]], Non
     ".obj": write_mesh_obj,
     ".off": write_mesh_off,
     ".stl": write_mesh_stl,
+    ".glb": write_mesh_glb,
 }
 
 
@@ -162,27 +163,15 @@ MESH_KEEPS: dict[str, frozenset[str] | None] = {
     # Normals of a mesh follow from its faces.
     ".off": frozenset({"normals", "colors"}),
     ".stl": frozenset({"normals"}),
+    ".glb": frozenset({"normals", "colors"}),
 }
 
 
-SINGLE_PRECISION = frozenset({".pcd", ".stl"})
+SINGLE_PRECISION = frozenset({".pcd", ".stl", ".glb"})
 
 
-def color_levels(cloud: CloudArrays, kind: str) -> NDArray[Any] | None:
-    """Return the colours as whole levels of ``kind`` ("u1" or "u2"), or None without colours.
-
-    Colours in floating point are shares of full intensity, those in integers levels of their type.
-    """
-    colors = cloud.attributes.get("colors")
-    if colors is None:
-        return None
-    stored = colors.dtype.str[1:]
-    if stored == kind:
-        return colors
-    shares = colors / _COLOR_LEVELS.get(stored, 1.0)
-    full = _COLOR_LEVELS[kind]
-    levels: NDArray[Any] = np.rint(np.nan_to_num(shares).clip(0.0, 1.0) * full).astype(kind)
-    return levels
+# What stores coordinates about a local origin.
+WITH_ORIGIN = frozenset({".glb"})
 
 
 def _normals(cloud: CloudArrays) -> NDArray[np.float64]:

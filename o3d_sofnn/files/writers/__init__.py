@@ -1,0 +1,1 @@
+"""Writers of the formats: arrays to binary streams."""
