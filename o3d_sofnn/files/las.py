@@ -75,6 +75,15 @@ def read_las(path: Path) -> PointFile:
         return columns.from_columns(path, found, crs=_crs(data.header))
 
 
+def is_las(path: Path) -> bool:
+    """Return whether a file begins as LAS and LAZ do."""
+    try:
+        with open_regular(path) as stream:
+            return stream.read(4) == b"LASF"
+    except (OSError, ValueError):
+        return False
+
+
 def write_las(
     stream: BinaryIO,
     cloud: CloudArrays,

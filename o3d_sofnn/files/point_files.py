@@ -120,7 +120,8 @@ def write_point_cloud(
         The cloud.
     template : path-like, optional
         The file that ``pcd`` was read from: a LAS or LAZ output then keeps what only such a file
-        holds (scale, offset, coordinate system). Ignored unless both are LAS or LAZ.
+        holds (scale, offset, coordinate system). Ignored unless both are LAS or LAZ; the template
+        may have any ending.
     extra : mapping of str to numpy.ndarray, shape (n,), optional
         Further numbers per point, under their names: properties of PLY, arrays of NPZ, extra bytes
         of LAS and LAZ. A name that the points have already gets a number; what a format cannot
@@ -235,4 +236,6 @@ def _las_template(path: Path, template: str | os.PathLike[str] | None) -> Path |
     """Return ``template`` where ``path`` can keep what only LAS holds."""
     if template is None or path.suffix.lower() not in las.FORMATS:
         return None
-    return Path(template) if Path(template).suffix.lower() in las.FORMATS else None
+    template = Path(template)
+    is_las = template.suffix.lower() in las.FORMATS or las.is_las(template)
+    return template if is_las else None

@@ -68,6 +68,13 @@ def test_las_keeps_it_inside(scan: Path, ending: str) -> None:
     assert not Path("again.prj").exists()
 
 
+def test_las_of_any_ending_is_kept_whole(scan: Path, capfd) -> None:
+    scan.rename("scan.dat")
+    assert main.main(["normals", "scan.dat", "out.las", "--input-format", "las"]) == 0
+    assert lines(capfd) == []
+    assert point_files.read_points("out.las").crs == WKT
+
+
 def test_an_old_las_has_no_place_for_text(tmp_path: Path, monkeypatch, capfd) -> None:
     monkeypatch.chdir(tmp_path)
     write_las(Path("old.las"), wkt=None, version="1.2")
