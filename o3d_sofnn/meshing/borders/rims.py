@@ -146,8 +146,11 @@ def _joined(vertices: Array, triangles: Triangles, spacing: Array, n_threads: in
     own, places, apart = number[triangles[beside]], vertices[rows], spacing[rows]
     for _ in range(ATTEMPTS):
         band, free = own, (rim & ~kept)[rows]
+        active = free
         for _ in range(ROUNDS):
-            fewer = _join(places, band, apart, free)
+            target, active = _join(places, band, apart, free, active)
+            a, b, c = target[band].T
+            fewer = np.stack([a, b, c], axis=1)[(a != b) & (b != c) & (c != a)]
             if len(fewer) == len(band):
                 break
             band = fewer
@@ -161,16 +164,31 @@ def _joined(vertices: Array, triangles: Triangles, spacing: Array, n_threads: in
 
 
 def _join(
-    vertices: Array, triangles: Triangles, spacing: Array, free: NDArray[np.bool_]
-) -> Triangles:
+    vertices: Array,
+    triangles: Triangles,
+    spacing: Array,
+    free: NDArray[np.bool_],
+    active: NDArray[np.bool_],
+) -> tuple[Triangles, NDArray[np.bool_]]:
     """Collapse free vertices of rims onto a neighbour on the rim, none near another one.
 
     The triangles are those of the vertices of rims: others have edges that only seem to be rims,
-    and no free vertex.
+    and no free vertex. Only what is around active vertices is looked at: where nothing has changed
+    since the last round nothing else would come of it.
+
+    Returns
+    -------
+    target : (m,) int32
+        The vertex that each one is now.
+    active : (m,) bool
+        Those to be looked at in the next round.
     """
+    near = active.copy()
+    for _ in range(2):
+        near[triangles[with_corner_in(near, triangles)]] = True
+    triangles = triangles[with_corner_in(near, triangles)]
     before, after = _neighbors(triangles, len(vertices))
-    free = free & (before >= 0)
-    candidate = np.flatnonzero(free)
+    candidate = np.flatnonzero(active & free & (before >= 0))
     candidate = candidate[free[before[candidate]] & free[after[candidate]]]
     candidate = candidate[_short(vertices, before, after, candidate, spacing)]
     a, c = before[candidate], after[candidate]
@@ -185,9 +203,12 @@ def _join(
     chosen = _apart(triangles, candidate, vertices, onto)
     target = np.arange(len(vertices), dtype=np.int32)
     target[candidate[chosen]] = onto[chosen]
-    moved = target[triangles]
-    a, b, c = moved.T
-    return np.ascontiguousarray(moved[(a != b) & (b != c) & (c != a)])
+    again = np.zeros(len(vertices), bool)
+    again[candidate[chosen]] = True
+    for _ in range(2):  # corners of triangles that change, and whoever looks at these
+        again[target[triangles[with_corner_in(again, triangles)]]] = True
+    again[candidate[~chosen]] = True
+    return target, again
 
 
 def _short(
