@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from o3d_sofnn._kernels import KdTree
+from o3d_sofnn.geometry.vectors import even_directions
 from o3d_sofnn.orientation.density import Density, Fit, spread_of
-from o3d_sofnn.orientation.visibility import DISCS, Discs, Station, hidden, jumps, surrounds
+from o3d_sofnn.orientation.visibility import DISCS, Discs, Station, hidden, jumps
 from o3d_sofnn.sampling.outliers import Samples
 
 Array = NDArray[np.float64]
@@ -185,7 +187,7 @@ def _is_scanner(found: Found, size: float) -> bool:
     if np.median(farness[nearest]) < CLEARANCE * np.median(farness):
         return False
     distance = AROUND[1] * float(np.sqrt(4.0 * np.pi / len(discs.places)))
-    if len(found.stations) > 1 or not surrounds(discs, station.place, AROUND[0], distance):
+    if len(found.stations) > 1 or not _surrounds(discs, station.place, AROUND[0], distance):
         return True
     convex = jumps(discs, station.place) < JUMPS
     return found.hidden <= INSIDE and (found.left < WELL or not convex)
@@ -227,3 +229,26 @@ def _seen(fit: Fit, densities: list[Density], discs: Discs) -> Found:
         taken, lost[mine] = (image, views[1]) if turn else (taken, views[0])
     stations = tuple(Station(place) for place in taken)
     return Found(stations, fit.spread, float(lost.mean()), discs)
+
+
+def _surrounds(discs: Discs, place: Array, n_directions: int, distance: float) -> bool:
+    """Tell whether there are discs all around a place.
+
+    Parameters
+    ----------
+    discs : Discs
+        The surface.
+    place : (3,) float64
+        The place.
+    n_directions : int
+        Directions that are looked in.
+    distance : float
+        Largest distance on the unit sphere to the nearest disc.
+
+    Returns
+    -------
+    bool
+    """
+    tree = KdTree(Station(place).image(discs.places), discs.n_threads)
+    ways = even_directions(n_directions)
+    return bool((tree.query(ways, 1, np.inf, discs.n_threads)[0] <= distance).all())

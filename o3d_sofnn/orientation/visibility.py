@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree, fit_scales
 from o3d_sofnn.geometry.frame import Frame
-from o3d_sofnn.geometry.vectors import even_directions, unit
+from o3d_sofnn.geometry.vectors import unit
 from o3d_sofnn.sampling.local_fit import spacing_of
 
 if TYPE_CHECKING:
@@ -39,6 +39,12 @@ surface on both sides."""
 
 GAP = 2.5
 """Depth, in spacings of the discs, that parts what hides from one curved or noisy layer."""
+
+
+CROSSING, BETWEEN = 0.7, 0.5
+"""Cosine of the angle of two discs below which they are no such layer, and the depth that is enough
+between them: beside a corner a wall hides what is near to it (street from three stations 1.24 to
+0.98 % flipped, room from two 0.07 to 0.05)."""
 
 
 @dataclass(frozen=True)
@@ -242,34 +248,13 @@ def hidden(discs: Discs, station: Station, asked: NDArray[np.int64]) -> NDArray[
     met = np.abs(slant) > 1e-9
     along = height / np.where(met, slant, 1.0)  # where the ray meets the plane of the disc
     off = along[:, :, None] * rays[:, None] - step
-    gap = GAP * np.maximum(reach, discs.reach[asked][:, None])
+    cosine = np.abs(np.einsum("mkd,md->mk", normals, discs.normals[asked]))
+    gap = np.where(cosine < CROSSING, BETWEEN, GAP)
+    gap *= np.maximum(reach, discs.reach[asked][:, None])
     hit = met & (np.einsum("mkd,mkd->mk", off, off) < reach**2) & (along > gap)
     if not station.far:
         hit &= along < length[:, None]
     return np.asarray(hit.sum(axis=1) >= HITS)
-
-
-def surrounds(discs: Discs, place: Array, n_directions: int, distance: float) -> bool:
-    """Tell whether there are discs all around a place.
-
-    Parameters
-    ----------
-    discs : Discs
-        The surface.
-    place : (3,) float64
-        The place.
-    n_directions : int
-        Directions that are looked in.
-    distance : float
-        Largest distance on the unit sphere to the nearest disc.
-
-    Returns
-    -------
-    bool
-    """
-    tree = KdTree(Station(place).image(discs.places), discs.n_threads)
-    ways = even_directions(n_directions)
-    return bool((tree.query(ways, 1, np.inf, discs.n_threads)[0] <= distance).all())
 
 
 def jumps(discs: Discs, place: Array) -> float:
