@@ -23,8 +23,9 @@ ONE_SIDED = 0.25
 TURN = 0.6
 """Angle to the other views of it, in radians."""
 INVENTED = (0.98, 0.80, 0.15)
-"""Colour of what is farther than ``FAR`` spacings from any point."""
-FAR = 5.0
+"""Colour of what is farther than ``FAR`` times the spacing there from any point."""
+FAR, AROUND_POINT = 5.0, 24
+"""Neighbours that tell the spacing: enough to reach the next scan lines."""
 INK = (0.25, 0.33, 0.45)
 MOST_POINTS = 60_000
 """Points that are drawn."""
@@ -59,9 +60,7 @@ def views_of(normals: Array) -> tuple[View, ...]:
     return tuple(View(tuple(way), tuple(up)) for way in ways)
 
 
-def draw_row(
-    title: str, cloud: Array, spacing: float, views: tuple[View, ...], parts: list[Part]
-) -> Image.Image:
+def draw_row(title: str, cloud: Array, views: tuple[View, ...], parts: list[Part]) -> Image.Image:
     """Draw one scan.
 
     Parameters
@@ -70,8 +69,6 @@ def draw_row(
         Above all.
     cloud : (n, 3) float64
         Points; what is far from all of them is yellow.
-    spacing : float
-        Of the points.
     views : tuple of View
         Pictures of each part.
     parts : list of Part
@@ -90,6 +87,8 @@ def draw_row(
     ink = ImageDraw.Draw(whole)
     ink.text((6, 2), title, (0, 0, 0), ImageFont.load_default(15.0))
     tree = cKDTree(cloud)
+    near = min(AROUND_POINT, len(cloud))
+    spacing = tree.query(cloud, [near], workers=-1)[0][:, 0] * np.sqrt(np.pi / near)
     for column, part in enumerate(parts):
         colors = _colors(part, tree, spacing)
         for number, view in enumerate(views):
@@ -106,10 +105,11 @@ def save(path: Path, rows: list[Image.Image], max_bytes: int | None = None) -> N
     pictures.save(path, pictures.stack(rows), max_bytes)
 
 
-def _colors(part: Part, tree: cKDTree, spacing: float) -> Array:
+def _colors(part: Part, tree: cKDTree, spacing: Array) -> Array:
     colors = np.full((len(part.points), 3), INK if part.triangles is None else pictures.FRONT)
     if part.triangles is not None:
-        colors[tree.query(part.points, workers=-1)[0] > FAR * spacing] = INVENTED
+        distance, nearest = tree.query(part.points, workers=-1)
+        colors[distance > FAR * spacing[nearest]] = INVENTED
     return colors
 
 

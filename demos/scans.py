@@ -131,7 +131,7 @@ def measure(file: Path, count: int | None) -> tuple[dict[str, Any], Image.Image]
         _chain(points),
     ]
     views = contact_sheet.views_of(found.normals.normals)
-    return row, contact_sheet.draw_row(file.stem, inliers, found.normals.spacing, views, parts)
+    return row, contact_sheet.draw_row(file.stem, inliers, views, parts)
 
 
 def _chain(points: Any) -> Part:
