@@ -141,7 +141,8 @@ def implicit_function(
             threads,
         )
         edges = finest * np.exp2(levels)
-        implicit = Field(rules, surfaces, on_surface, facing, np.maximum(spacing, edges), threads)
+        resolved = np.maximum(spacing, edges)
+        implicit = Field(rules, surfaces, on_surface, facing, resolved, on_solid, threads)
         spacing = np.maximum(spacing, RESOLVES * edges)
     return Function(
         rules,

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mesh_checks import assert_no_intersections
 from shapes import sphere
 
 from o3d_sofnn import pipeline
-from o3d_sofnn._kernels import KdTree
+from o3d_sofnn._kernels import KdTree, nearest_triangles
 from o3d_sofnn.implicit.field import LONE, Field
 from o3d_sofnn.implicit.units import local_surfaces
 
@@ -15,12 +16,17 @@ BALL = sphere(3000)
 SPACING = np.sqrt(4.0 * np.pi / 3000)
 
 
-def level(points, normals):
-    """Level of a field whose rules are those of the ball alone."""
+def field(points, normals, solid=True):
+    """Field whose rules are those of the ball alone."""
     rules = pipeline.estimate_normals(BALL.points, n_threads=1).rules
     tree = KdTree(points, 1)
     _, surfaces = local_surfaces(rules, points, normals, tree, 1, None)
-    return Field(rules, surfaces, points, normals, np.full(len(points), SPACING), 1).level
+    spacing = np.full(len(points), SPACING)
+    return Field(rules, surfaces, points, normals, spacing, np.full(len(points), solid), 1)
+
+
+def level(points, normals):
+    return field(points, normals).level
 
 
 def test_a_few_points_far_away_do_not_decide_it():
@@ -35,3 +41,27 @@ def test_a_few_points_far_away_do_not_decide_it():
     heaviest = 5.0 * (LONE * SPACING) ** 2
     assert heaviest < 0.2 * 4.0 * np.pi
     assert level(*both) == pytest.approx(plain, abs=0.1)
+
+
+def test_solids_have_one_level_and_shells_within_each_other_one_each():
+    inner = np.concatenate([BALL.points, 0.3 * BALL.points])
+    inward = -np.concatenate([BALL.normals, BALL.normals])
+    both = field(inner, inward, solid=False)
+    # Inside of the inner shell the winding number is -2, between them -1.
+    np.testing.assert_allclose(both.level_at(BALL.points), -0.5, atol=0.15)
+    np.testing.assert_allclose(both.level_at(0.3 * BALL.points), -1.5, atol=0.25)
+    assert field(inner, inward).level_at(BALL.points) == field(inner, inward).level
+    assert field(BALL.points, BALL.normals, solid=False).level_at(BALL.points) == level(
+        BALL.points, BALL.normals
+    )
+
+
+@pytest.mark.parametrize(("radius", "top"), [(0.3, 0.0), (0.5, 0.2), (0.3, -0.4)])
+def test_what_stands_near_to_a_scanner_is_there_as_the_walls_are(radius, top):
+    shell = BALL.points[BALL.points[:, 2] < top] * radius
+    points = np.concatenate([sphere(6000).points, shell])
+    surface = pipeline.reconstruct_surface(points, viewpoint=np.zeros(3))
+    assert_no_intersections(surface.vertices, surface.triangles)
+    distance = nearest_triangles(surface.vertices, surface.triangles, shell, 1)[0]
+    assert np.quantile(distance, 0.95) < 0.2 * SPACING * radius
+    assert surface.quality.near > 0.99
