@@ -16,11 +16,13 @@ SOURCES := pyproject.toml CMakeLists.txt README.md LICENSE \
 		\( -name '*.py' -o -name '*.pyi' -o -name '*.typed' -o -name '*.[ch]pp' \
 		-o -path '*/page/*' \) 2>/dev/null)
 
-# MeshLab's sources, whose headers are read, come by apt from the mirror that is configured, and from a
-# suite that has 2022.02. PyMeshLab is of the same release, whose last Python is 3.11.
+# MeshLab's sources, whose headers are read, come by apt from the Debian mirror that is configured. The
+# suite is one that has 2022.02; PyMeshLab is of the same release, whose last Python is 3.11.
 PYTHON311 ?= python3.11
 MESHLAB := $(VENV)/build/meshlab
-MESHLAB_SUITE := $(if $(shell grep -s '^ID.*ubuntu' /etc/os-release),questing universe,trixie main)
+MESHLAB_SUITE := trixie main
+MESHLAB_MIRROR = $(shell apt-get indextargets --format '$$(LABEL) $$(REPO_URI)' 'Created-By: Packages' \
+	| sed -n '/^Debian /{s///p;q}')
 MESHLAB_SHA256 := 11da26ec46c3fbbbc806d410a3221542ec21ec13fdcc55d624304600029435fd
 
 .PHONY: help system browser demo test lint docs meshlab-plugin ext sanitize clean
@@ -93,10 +95,10 @@ APT := apt-get -qq -o Dir::State::Lists=$(CURDIR)/$(MESHLAB)/apt/lists -o Dir::C
 
 $(MESHLAB)/.source: | $(BIN)/python
 	mkdir -p $(MESHLAB)/source $(MESHLAB)/apt/lists/partial $(MESHLAB)/apt/archives/partial
-	mirror=$$(apt-get indextargets --format '$$(LABEL) $$(REPO_URI)' 'Created-By: Packages' \
-		| sed -n 's/^\(Debian\|Ubuntu\) //p' | head -n 1); \
-	test -n "$$mirror" || { echo "apt knows no mirror yet; type: apt-get update" >&2; exit 1; }; \
-	echo "deb-src $$mirror $(MESHLAB_SUITE)" > $(MESHLAB)/apt/sources.list
+	test -n "$(MESHLAB_MIRROR)" || { echo "apt has no lists of Debian (on Ubuntu, where no release has" \
+		"these sources, install debian-archive-keyring and add MESHLAB_MIRROR=address)" >&2; exit 1; }
+	echo "deb-src [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg]" \
+		"$(MESHLAB_MIRROR) $(MESHLAB_SUITE)" > $(MESHLAB)/apt/sources.list
 	$(APT) update
 	rm -f $(MESHLAB)/meshlab_*.orig.tar.*
 	cd $(MESHLAB) && $(APT) source --tar-only meshlab
