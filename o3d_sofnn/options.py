@@ -87,7 +87,7 @@ class Options:
         given = cls(**fields)
         validation.check_exclusive(depth=given.depth, voxel_size=given.voxel_size)
         validation.check_exclusive(
-            trim=given.trim, closed=None if _is_auto(given.closed) else given.closed
+            trim=given.trim, closed=None if validation.is_auto(given.closed) else given.closed
         )
         validation.check_exclusive(
             use_normals=validation.check_flag(use_normals, "use_normals") or None,
@@ -120,8 +120,3 @@ class Options:
         if self.viewpoint is None or self.viewpoint.ndim == 1 or mask.all():
             return self
         return replace(self, viewpoint=self.viewpoint[mask])
-
-
-def _is_auto(value: Any) -> bool:
-    """Whether a value of any kind, arrays among them, is the word "auto"."""
-    return isinstance(value, str) and value == "auto"

@@ -22,6 +22,7 @@ from o3d_sofnn.validation.options import (
     check_n_threads,
     check_positive,
     check_trim,
+    is_auto,
     thread_count,
 )
 from o3d_sofnn.validation.values import shown
@@ -46,6 +47,7 @@ __all__ = [
     "check_vector",
     "check_viewpoint",
     "finite_rows",
+    "is_auto",
     "shown",
     "thread_count",
 ]

@@ -53,6 +53,11 @@ def check_positive(value: Any, name: str) -> float | None:
     return number
 
 
+def is_auto(value: Any) -> bool:
+    """Return whether ``value``, which may be of any kind, is the word "auto"."""
+    return isinstance(value, str) and value == "auto"
+
+
 def check_trim(value: Any) -> float | Literal["auto"] | None:
     """Return ``trim``: a float within [0, 1], "auto", or None.
 
@@ -61,7 +66,7 @@ def check_trim(value: Any) -> float | Literal["auto"] | None:
     ValueError
         Anything else.
     """
-    if isinstance(value, str) and value == "auto":
+    if is_auto(value):
         return "auto"
     expected = 'a number from 0 to 1 or "auto"'
     number = real(value, "trim", expected)
@@ -80,9 +85,9 @@ def check_closed(value: Any) -> bool | Literal["auto"]:
     """
     if isinstance(value, (bool, np.bool_)):
         return bool(value)
-    if isinstance(value, str) and value == "auto":
+    if is_auto(value):
         return "auto"
-    raise ValueError(f'closed: expected True, False or "auto", got {value!r}')
+    raise ValueError(f'closed: expected True, False or "auto", got {shown(value)}')
 
 
 def check_n_threads(value: Any) -> int:

@@ -154,6 +154,7 @@ WRONG_ANYWHERE = [
     [
         *("depth", "voxel_size", "trim", "target_triangles", "precision", "viewpoint", "towards"),
         *("n_threads", "search_param", "use_normals", "return_details"),
+        *("closed", "max_nn", "radius"),
     ],
 )
 def test_values_of_any_kind_are_refused_in_one_line(make_cloud, name, value):
