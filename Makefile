@@ -1,6 +1,6 @@
 # make demo, make test: what they need from PyPI goes into .venv, nothing else is touched.
 # make system: what they need from Debian or Ubuntu, as root.
-# make meshlab-plugin: the same, and MeshLab's sources from Debian, for the plugin's tests alone.
+# make meshlab-plugin: the same, and MeshLab's sources by apt, for the plugin's tests alone.
 # make browser: Chromium, without which the tests of the comparison's report are skipped; as root.
 # make ext: the native module beside its sources, for work on the package without installing it.
 # make docs: the documentation site, in docs/_build/html.
@@ -16,10 +16,13 @@ SOURCES := pyproject.toml CMakeLists.txt README.md LICENSE \
 		\( -name '*.py' -o -name '*.pyi' -o -name '*.typed' -o -name '*.[ch]pp' \
 		-o -path '*/page/*' \) 2>/dev/null)
 
-# Debian's MeshLab, whose headers are read, and PyMeshLab of the same release, whose last Python is 3.11.
+# MeshLab's sources, whose headers are read, come by apt from the Debian mirror that is configured. The
+# suite is one that has 2022.02; PyMeshLab is of the same release, whose last Python is 3.11.
 PYTHON311 ?= python3.11
 MESHLAB := $(VENV)/build/meshlab
-MESHLAB_TARBALL := http://deb.debian.org/debian/pool/main/m/meshlab/meshlab_2022.02+dfsg1.orig.tar.xz
+MESHLAB_SUITE := trixie main
+MESHLAB_MIRROR = $(shell apt-get indextargets --format '$$(LABEL) $$(REPO_URI)' 'Created-By: Packages' \
+	| sed -n '/^Debian /{s///p;q}')
 MESHLAB_SHA256 := 11da26ec46c3fbbbc806d410a3221542ec21ec13fdcc55d624304600029435fd
 
 .PHONY: help system browser demo test lint docs meshlab-plugin ext sanitize clean
@@ -85,10 +88,21 @@ meshlab-plugin: $(VENV)/.test $(MESHLAB)/.source $(MESHLAB)/.python
 		MESHLAB_PYTHON=$(CURDIR)/$(MESHLAB)/python/bin/python \
 		$(BIN)/pytest tests/filters/test_meshlab_plugin.py tests/filters/test_meshlab_program.py
 
+# Lists, cache and sources of its own: no root is needed, and nothing of the system's apt changes.
+APT := apt-get -qq -o Dir::State::Lists=$(CURDIR)/$(MESHLAB)/apt/lists -o Dir::Cache=$(CURDIR)/$(MESHLAB)/apt \
+	-o Dir::Etc::SourceList=$(CURDIR)/$(MESHLAB)/apt/sources.list -o Dir::Etc::SourceParts=- \
+	-o APT::Sandbox::User=root
+
 $(MESHLAB)/.source: | $(BIN)/python
-	mkdir -p $(MESHLAB)/source
-	$(BIN)/python -c "import sys, urllib.request as r; r.urlretrieve(*sys.argv[1:])" \
-		"$(MESHLAB_TARBALL)" $(MESHLAB)/source.tar.xz
+	mkdir -p $(MESHLAB)/source $(MESHLAB)/apt/lists/partial $(MESHLAB)/apt/archives/partial
+	test -n "$(MESHLAB_MIRROR)" || { echo "apt has no lists of Debian (on Ubuntu, where no release has" \
+		"these sources, install debian-archive-keyring and add MESHLAB_MIRROR=address)" >&2; exit 1; }
+	echo "deb-src [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg]" \
+		"$(MESHLAB_MIRROR) $(MESHLAB_SUITE)" > $(MESHLAB)/apt/sources.list
+	$(APT) update
+	rm -f $(MESHLAB)/meshlab_*.orig.tar.*
+	cd $(MESHLAB) && $(APT) source --tar-only meshlab
+	mv $(MESHLAB)/meshlab_*.orig.tar.* $(MESHLAB)/source.tar.xz
 	echo "$(MESHLAB_SHA256)  $(MESHLAB)/source.tar.xz" | sha256sum --check --quiet
 	tar -xf $(MESHLAB)/source.tar.xz -C $(MESHLAB)/source --strip-components=1
 	touch $@

@@ -6,7 +6,6 @@ Open3D is imported inside the functions: it takes seconds, and any of its flavou
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -59,6 +58,20 @@ def import_open3d() -> Any:
     return open3d
 
 
+def checked(parts: CloudArrays, name: str) -> CloudArrays:
+    """Return what a library stores per point, with coordinates and normals in float64.
+
+    Raises
+    ------
+    ValueError
+        Coordinates or normals are not (n, 3) real numbers; the message begins with ``name``.
+    """
+    points, normals = validation.check_array(parts.points, name), parts.normals
+    if normals is not None:
+        normals = validation.check_array(normals, f"{name}: normals")
+    return CloudArrays(points, normals, parts.attributes)
+
+
 def read_cloud(pcd: Any) -> CloudArrays:
     """Return the arrays of an Open3D point cloud; a cloud on a GPU is copied to the host.
 
@@ -80,13 +93,13 @@ def read_cloud(pcd: Any) -> CloudArrays:
     if isinstance(pcd, CloudArrays):
         return pcd
     if _is_tensor(pcd):
-        return _checked({name: _to_host(pcd.point[name]) for name in pcd.point}, "pcd")
+        return _of_stored({name: _to_host(pcd.point[name]) for name in pcd.point}, "pcd")
     stored = {"positions": np.array(pcd.points)}
     if pcd.has_normals():
         stored["normals"] = np.array(pcd.normals)
     if pcd.has_colors():
         stored["colors"] = np.array(pcd.colors)
-    return _checked(stored, "pcd")
+    return _of_stored(stored, "pcd")
 
 
 def write_normals(pcd: Any, normals: NDArray[np.float64]) -> None:
@@ -117,28 +130,19 @@ def write_normals(pcd: Any, normals: NDArray[np.float64]) -> None:
         pcd.normals = o3d.utility.Vector3dVector(np.ascontiguousarray(normals))
 
 
-def make_mesh(
-    pcd: Any,
-    vertices: NDArray[np.float64],
-    triangles: NDArray[np.integer[Any]],
-    vertex_normals: NDArray[np.float64],
-    attributes: Mapping[str, NDArray[Any]],
-) -> Any:
+def make_mesh(pcd: Any, vertices: CloudArrays, triangles: NDArray[np.integer[Any]]) -> Any:
     """Return a triangle mesh of the family of ``pcd``.
 
     Parameters
     ----------
     pcd : open3d.geometry.PointCloud or open3d.t.geometry.PointCloud
         Decides the family and, for a tensor cloud, the number type and the device.
-    vertices : numpy.ndarray, shape (m, 3)
-        Coordinates, in the cloud's unit.
+    vertices : CloudArrays
+        Coordinates of the m vertices in the cloud's unit, their unit normals, and attributes of
+        shape (m, k). A legacy mesh can hold "colors" only. Colours are fractions of the full
+        intensity, 0 to 1, as Open3D expects them in meshes of any number type.
     triangles : numpy.ndarray, shape (f, 3)
         Vertex indices.
-    vertex_normals : numpy.ndarray, shape (m, 3)
-        Unit vectors.
-    attributes : mapping of str to numpy.ndarray, shape (m, k)
-        Further values per vertex; a legacy mesh can hold "colors" only. Colours are shares of full
-        intensity, 0 to 1: Open3D takes those of its meshes for such, whatever their number type.
 
     Returns
     -------
@@ -148,12 +152,14 @@ def make_mesh(
     o3d = import_open3d()
     if not _is_tensor(pcd):
         mesh = o3d.geometry.TriangleMesh(
-            o3d.utility.Vector3dVector(np.ascontiguousarray(vertices)),
+            o3d.utility.Vector3dVector(np.ascontiguousarray(vertices.points)),
             o3d.utility.Vector3iVector(np.ascontiguousarray(triangles, dtype=np.int32)),
         )
-        mesh.vertex_normals = o3d.utility.Vector3dVector(np.ascontiguousarray(vertex_normals))
-        if "colors" in attributes:
-            mesh.vertex_colors = o3d.utility.Vector3dVector(attributes["colors"])
+        if vertices.normals is not None:
+            normals = np.ascontiguousarray(vertices.normals)
+            mesh.vertex_normals = o3d.utility.Vector3dVector(normals)
+        if "colors" in vertices.attributes:
+            mesh.vertex_colors = o3d.utility.Vector3dVector(vertices.attributes["colors"])
         return mesh
 
     def tensor(values: NDArray[Any]) -> Any:
@@ -161,10 +167,11 @@ def make_mesh(
 
     kind = _float_type(pcd)
     mesh = o3d.t.geometry.TriangleMesh(
-        tensor(vertices.astype(kind)), tensor(triangles.astype(np.int64))
+        tensor(vertices.points.astype(kind)), tensor(triangles.astype(np.int64))
     )
-    mesh.vertex["normals"] = tensor(vertex_normals.astype(kind))
-    for name, values in attributes.items():
+    if vertices.normals is not None:
+        mesh.vertex["normals"] = tensor(vertices.normals.astype(kind))
+    for name, values in vertices.attributes.items():
         mesh.vertex[name] = tensor(values)
     return mesh
 
@@ -216,7 +223,7 @@ def read_mesh(mesh: Any) -> tuple[CloudArrays, NDArray[np.int64]]:
         triangles = np.asarray(mesh.triangles)
     else:
         raise ValueError(f"mesh: expected an Open3D TriangleMesh, got {type(mesh).__name__}")
-    return _checked(stored, "mesh"), triangles.astype(np.int64)
+    return _of_stored(stored, "mesh"), triangles.astype(np.int64)
 
 
 def read_search_param(search_param: Any) -> tuple[int | None, float | None]:
@@ -253,12 +260,10 @@ def read_search_param(search_param: Any) -> tuple[int | None, float | None]:
     )
 
 
-def _checked(stored: dict[str, NDArray[Any]], name: str) -> CloudArrays:
-    """Return what is stored per point of the argument ``name``."""
-    points = validation.check_array(stored.pop("positions", np.zeros((0, 3))), name)
-    normals = stored.pop("normals", None)
-    checked = None if normals is None else validation.check_array(normals, f"{name}: normals")
-    return CloudArrays(points, checked, stored)
+def _of_stored(stored: dict[str, NDArray[Any]], name: str) -> CloudArrays:
+    """Check what is stored per point of the argument ``name``, by Open3D's names."""
+    points = stored.pop("positions", np.zeros((0, 3)))
+    return checked(CloudArrays(points, stored.pop("normals", None), stored), name)
 
 
 def _is_tensor(pcd: Any) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,8 +22,37 @@ if TYPE_CHECKING:
     from o3d_sofnn.rules.rule_base import RuleBase
 
 
+SHOWN = 2
+"""Warnings that are shown; the attribute has all of them."""
+
+
+class Shown(ABC):
+    """What a terminal and a notebook show of a result: a few named lines, and its warnings."""
+
+    def __repr__(self) -> str:
+        """Return a few lines for a terminal."""
+        lines = (f"  {key}: {text}" for key, text in self._lines().items())
+        return "\n".join([type(self).__name__, *lines])
+
+    def _repr_html_(self) -> str:
+        """Return the same as a table, for notebooks."""
+        lines = self._lines().items()
+        rows = (f"<tr><th>{escape(key)}</th><td>{escape(text)}</td></tr>" for key, text in lines)
+        return f"<table>{''.join(rows)}</table>"
+
+    def _lines(self) -> dict[str, str]:
+        told, warnings = self._told()
+        lines = {f"warning {i}": text for i, text in enumerate(warnings[:SHOWN], start=1)}
+        more = len(warnings) - SHOWN
+        return {**told, **lines, **({"and": f"{more} more in .warnings"} if more > 0 else {})}
+
+    @abstractmethod
+    def _told(self) -> tuple[dict[str, str], tuple[str, ...]]:
+        """Return the lines by name, and all warnings."""
+
+
 @dataclass(frozen=True, repr=False)
-class NormalEstimate:
+class NormalEstimate(Shown):
     """Oriented normals and what was learned on the way.
 
     Attributes
@@ -61,15 +91,7 @@ class NormalEstimate:
     evidence: Evidence
     warnings: tuple[str, ...]
 
-    def __repr__(self) -> str:
-        """Return a few lines for a terminal."""
-        return _lines(type(self).__name__, self._told())
-
-    def _repr_html_(self) -> str:
-        """Return the same as a table, for notebooks."""
-        return _table(self._told())
-
-    def _told(self) -> dict[str, str]:
+    def _told(self) -> tuple[dict[str, str], tuple[str, ...]]:
         told = {
             "points": f"{len(self.normals)}, {int(self.outliers.sum())} of them outliers",
             "noise": f"{self.noise_level:.4g} at a spacing of {self.spacing:.4g}",
@@ -77,11 +99,11 @@ class NormalEstimate:
             "decided": self.evidence.text,
             "time": f"{sum(self.seconds.values()):.2f} s",
         }
-        return {**told, **_numbered(self.warnings)}
+        return told, self.warnings
 
 
 @dataclass(frozen=True, repr=False)
-class SurfaceEstimate:
+class SurfaceEstimate(Shown):
     """A triangle mesh and what was learned on the way.
 
     Attributes
@@ -124,15 +146,7 @@ class SurfaceEstimate:
     closing: Closing | None
     quality: Quality
 
-    def __repr__(self) -> str:
-        """Return a few lines for a terminal."""
-        return _lines(type(self).__name__, self._told())
-
-    def _repr_html_(self) -> str:
-        """Return the same as a table, for notebooks."""
-        return _table(self._told())
-
-    def _told(self) -> dict[str, str]:
+    def _told(self) -> tuple[dict[str, str], tuple[str, ...]]:
         kind = "closed" if self.watertight else "open"
         told = {
             "mesh": f"{kind}, {len(self.vertices)} vertices, {len(self.triangles)} triangles",
@@ -142,7 +156,7 @@ class SurfaceEstimate:
             "decided": self.normals.evidence.text,
             "time": f"{sum(self.seconds.values()):.2f} s",
         }
-        return {**told, **_numbered(self.warnings)}
+        return told, self.warnings
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -156,25 +170,6 @@ class SurfaceEstimate:
         ``source_weights @ colors`` carries any attribute of the points over to the vertices.
         """
         return self.weigh()
-
-
-SHOWN = 2
-"""Warnings that are shown; the attribute has all of them."""
-
-
-def _numbered(warnings: tuple[str, ...]) -> dict[str, str]:
-    more = len(warnings) - SHOWN
-    found = {f"warning {i}": text for i, text in enumerate(warnings[:SHOWN], start=1)}
-    return {**found, **({"and": f"{more} more in .warnings"} if more > 0 else {})}
-
-
-def _lines(name: str, told: dict[str, str]) -> str:
-    return "\n".join([name, *(f"  {key}: {text}" for key, text in told.items())])
-
-
-def _table(told: dict[str, str]) -> str:
-    rows = (f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in told.items())
-    return f"<table>{''.join(rows)}</table>"
 
 
 def left_out(finite: NDArray[np.bool_]) -> str:

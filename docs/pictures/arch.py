@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from dental_shapes import Tooth, incisor, molar
 from numpy.typing import NDArray
+from paper_parts.dental_shapes import Tooth, incisor, molar
 from scipy.spatial import cKDTree
 
 Array = NDArray[Any]

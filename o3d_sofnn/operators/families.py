@@ -5,7 +5,6 @@ A library is never imported to find out: who has an object of it has imported it
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Protocol
 
@@ -16,6 +15,7 @@ from o3d_sofnn import adapters, validation
 from o3d_sofnn.adapters import CloudArrays
 
 Array = NDArray[np.float64]
+Triangles = NDArray[np.integer[Any]]
 
 
 class Family(Protocol):
@@ -27,15 +27,18 @@ class Family(Protocol):
     def with_normals(self, pcd: Any, normals: Array) -> Any:
         """Return what ``estimate_normals`` returns for (n, 3) normals."""
 
-    def mesh(
-        self,
-        pcd: Any,
-        vertices: Array,
-        triangles: NDArray[np.integer[Any]],
-        vertex_normals: Array,
-        attributes: Mapping[str, NDArray[Any]],
-    ) -> Any:
-        """Return what ``reconstruct_surface`` returns for a mesh."""
+    def mesh(self, pcd: Any, vertices: CloudArrays, triangles: Triangles) -> Any:
+        """Return what ``reconstruct_surface`` returns for a mesh.
+
+        Parameters
+        ----------
+        pcd : object
+            The cloud that the mesh was reconstructed from.
+        vertices : CloudArrays
+            Coordinates, normals and attributes of the m vertices.
+        triangles : numpy.ndarray, shape (f, 3)
+            Vertex indices.
+        """
 
 
 def family_of(pcd: Any) -> Family:
@@ -73,15 +76,10 @@ class Arrays:
         return normals
 
     def mesh(
-        self,
-        pcd: Any,
-        vertices: Array,
-        triangles: NDArray[np.integer[Any]],
-        vertex_normals: Array,
-        attributes: Mapping[str, NDArray[Any]],
-    ) -> tuple[Array, NDArray[np.integer[Any]]]:
+        self, pcd: Any, vertices: CloudArrays, triangles: Triangles
+    ) -> tuple[Array, Triangles]:
         """Return vertices and triangles."""
-        return vertices, triangles
+        return vertices.points, triangles
 
 
 class Open3D:
@@ -96,16 +94,9 @@ class Open3D:
         adapters.write_normals(pcd, normals)
         return pcd
 
-    def mesh(
-        self,
-        pcd: Any,
-        vertices: Array,
-        triangles: NDArray[np.integer[Any]],
-        vertex_normals: Array,
-        attributes: Mapping[str, NDArray[Any]],
-    ) -> Any:
+    def mesh(self, pcd: Any, vertices: CloudArrays, triangles: Triangles) -> Any:
         """Return a TriangleMesh, legacy or tensor as the cloud is."""
-        return adapters.make_mesh(pcd, vertices, triangles, vertex_normals, attributes)
+        return adapters.make_mesh(pcd, vertices, triangles)
 
 
 class Trimesh:
@@ -113,34 +104,26 @@ class Trimesh:
 
     def read(self, pcd: Any) -> CloudArrays:
         """See :class:`Family`."""
-        points = validation.check_array(np.array(pcd.vertices), "pcd")
-        normals = pcd.metadata.get("normals")
-        if normals is not None:
-            normals = validation.check_array(np.array(normals), "pcd: normals")
-        colors = np.array(pcd.colors) if len(pcd.colors) == len(points) else None
-        return CloudArrays(points, normals, {} if colors is None else {"colors": colors / 255.0})
+        points, normals = np.array(pcd.vertices), pcd.metadata.get("normals")
+        has_colors = len(pcd.colors) == len(points)
+        attributes = {"colors": np.array(pcd.colors) / 255.0} if has_colors else {}
+        copy = None if normals is None else np.array(normals)
+        return adapters.checked(CloudArrays(points, copy, attributes), "pcd")
 
     def with_normals(self, pcd: Any, normals: Array) -> Any:
         """Write ``pcd.metadata["normals"]`` and return the cloud."""
         pcd.metadata["normals"] = normals
         return pcd
 
-    def mesh(
-        self,
-        pcd: Any,
-        vertices: Array,
-        triangles: NDArray[np.integer[Any]],
-        vertex_normals: Array,
-        attributes: Mapping[str, NDArray[Any]],
-    ) -> Any:
+    def mesh(self, pcd: Any, vertices: CloudArrays, triangles: Triangles) -> Any:
         """Return a Trimesh with vertex normals and, where the cloud has them, colours."""
         import trimesh
 
-        colors = attributes.get("colors")
+        colors = vertices.attributes.get("colors")
         return trimesh.Trimesh(
-            vertices,
+            vertices.points,
             triangles,
-            vertex_normals=vertex_normals,
+            vertex_normals=vertices.normals,
             vertex_colors=None if colors is None else np.rint(255.0 * colors).astype(np.uint8),
             process=False,
         )
@@ -151,33 +134,26 @@ class PyVista:
 
     def read(self, pcd: Any) -> CloudArrays:
         """See :class:`Family`."""
-        points = validation.check_array(np.array(pcd.points), "pcd")
         stored = {name: np.array(pcd.point_data[name]) for name in pcd.point_data}
         normals = stored.pop("Normals", None)
-        if normals is not None:
-            normals = validation.check_array(normals, "pcd: Normals")
-        return CloudArrays(points, normals, {k: v.reshape(len(v), -1) for k, v in stored.items()})
+        attributes = {name: values.reshape(len(values), -1) for name, values in stored.items()}
+        parts = CloudArrays(np.array(pcd.points), normals, attributes)
+        return adapters.checked(parts, "pcd")
 
     def with_normals(self, pcd: Any, normals: Array) -> Any:
         """Write ``pcd.point_data["Normals"]`` and return the cloud."""
         pcd.point_data["Normals"] = normals
         return pcd
 
-    def mesh(
-        self,
-        pcd: Any,
-        vertices: Array,
-        triangles: NDArray[np.integer[Any]],
-        vertex_normals: Array,
-        attributes: Mapping[str, NDArray[Any]],
-    ) -> Any:
+    def mesh(self, pcd: Any, vertices: CloudArrays, triangles: Triangles) -> Any:
         """Return a PolyData with normals and the attributes of the points."""
         import pyvista
 
         faces = np.column_stack([np.full(len(triangles), 3), triangles])
-        mesh = pyvista.PolyData(vertices, faces.ravel())
-        mesh.point_data["Normals"] = vertex_normals
-        for name, values in attributes.items():
+        mesh = pyvista.PolyData(vertices.points, faces.ravel())
+        if vertices.normals is not None:
+            mesh.point_data["Normals"] = vertices.normals
+        for name, values in vertices.attributes.items():
             mesh.point_data[name] = values[:, 0] if values.shape[1] == 1 else values
         return mesh
 
@@ -194,12 +170,7 @@ class Held:
         return replace(pcd, normals=normals)
 
     def mesh(
-        self,
-        pcd: CloudArrays,
-        vertices: Array,
-        triangles: NDArray[np.integer[Any]],
-        vertex_normals: Array,
-        attributes: Mapping[str, NDArray[Any]],
-    ) -> tuple[CloudArrays, NDArray[np.integer[Any]]]:
+        self, pcd: CloudArrays, vertices: CloudArrays, triangles: Triangles
+    ) -> tuple[CloudArrays, Triangles]:
         """Return the vertices with all that they carry, and the triangles."""
-        return CloudArrays(vertices, vertex_normals, dict(attributes)), triangles
+        return vertices, triangles

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from o3d_sofnn import pipeline, validation
+from o3d_sofnn.adapters import CloudArrays
 from o3d_sofnn.meshing.attributes import carry
 from o3d_sofnn.operators.common import (
     finite_points,
@@ -154,13 +155,9 @@ def reconstruct_surface(
         )
     warn(*estimate.warnings)
     details = scatter_surface(estimate, finite)
-    mesh = family.mesh(
-        pcd,
-        details.vertices,
-        details.triangles,
-        details.vertex_normals,
-        carry(details, cloud.attributes),
-    )
+    attributes = carry(details, cloud.attributes)
+    vertices = CloudArrays(details.vertices, details.vertex_normals, attributes)
+    mesh = family.mesh(pcd, vertices, details.triangles)
     if not return_details:
         return mesh
     return (*mesh, details) if isinstance(mesh, tuple) else (mesh, details)
