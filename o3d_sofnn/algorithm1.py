@@ -1,4 +1,4 @@
-"""Algorithm 1 with section 3: oriented rules are learned from points, and normals inferred."""
+"""Algorithm 1 with section 3: learn oriented rules from points, and infer normals from them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from o3d_sofnn.validation import thread_count
 Array = NDArray[np.float64]
 
 ALL = 1e9
-"""Radius of a neighbourhood in the unit cube that certainly holds every point."""
+"""Radius of a neighbourhood in the unit cube that is certain to contain every point."""
 
 
 @dataclass(frozen=True)
@@ -45,19 +45,19 @@ class Learned:
     Attributes
     ----------
     cloud : Cloud
-        Distinct points; all that follows is in their unit.
+        The d distinct points; everything below is in their unit.
     steps : Steps
-        To which their coordinates were rounded.
+        Step sizes to which their coordinates were rounded.
     hanging : (d,) bool
-        Outliers between things, as seen from the viewpoint.
+        Outliers that hang between objects, as seen from the viewpoint.
     samples : Samples
-        The m of them that are no outliers.
+        The m distinct points that are not outliers.
     sides : (m, 3) float64
-        Unit normals of the samples, as the winding number or the caller has them.
+        Unit normals of the samples, from the winding number or from the caller.
     rules : RuleBase
         Oriented rules.
     evidence : Evidence
-        What the sides were decided by.
+        How the sides were decided.
     experience : Experience or None
         Off-line rules.
     """
@@ -90,13 +90,13 @@ def learn_rules(
     options : Options
         What the user has chosen.
     clock : Clock
-        Told the stages.
+        Measures and reports the stages.
     normals : (n, 3) float64, optional
         Known normals.
     experience : Experience, optional
         Off-line rules.
     enclosing : bool, default False
-        Whether the surface shall enclose something: points in one plane are an error.
+        Whether the surface must enclose a volume; if so, points in one plane are an error.
 
     Returns
     -------
@@ -105,7 +105,7 @@ def learn_rules(
     Raises
     ------
     ValueError
-        Fewer than 4 distinct points, or they are all equal or on one line.
+        There are fewer than 4 distinct points, or they are all equal or on one line.
     """
     threads = thread_count(options.n_threads)
     with clock.stage("cells"):  # Algorithm 1, steps 1 and 2
@@ -126,7 +126,7 @@ def learn_rules(
         seen = None if evidence is None else evidence.directions(points)
         rows = cloud.first[samples.kept]
         known, seen = (None if x is None else x[rows] for x in (normals, seen))
-        if seen is not None or hanging.any():  # the scale is another one
+        if seen is not None or hanging.any():  # the scale changes
             samples = steps.floored(samples.seen(seen, limits, threads), threads)
         sides = find_sides(samples, known, seen, threads)
         check_stage("orientation", sides=sides)
@@ -136,10 +136,10 @@ def learn_rules(
             rules, sides, evidence = settle(
                 rules, sides, samples.points, evidence, cloud.frame, threads
             )
-    # Many outliers have disturbed the scale and the rules around them: both are found once more.
+    # If there are many outliers, they have disturbed the scale and the rules: both are found again.
     many = (~samples.kept).mean() > MANY
     if many:
-        with clock.stage("outliers"):  # Algorithm 1, step 5, asked of the rules
+        with clock.stage("outliers"):  # Algorithm 1, step 5, decided by the rules
             off = beside_surface(rules, samples, sides, experience, threads)
             samples, sides = samples.without(off, limits, threads), sides[~off]
             samples = steps.floored(samples, threads)
@@ -157,23 +157,23 @@ def learn_rules(
 
 
 def infer(learned: Learned, options: Options, clock: Clock) -> tuple[NormalEstimate, Array, Array]:
-    """Infer a normal at every point, outliers and duplicates included, eq. (7) and (9).
+    """Infer a normal at every point, including outliers and duplicates, by eq. (7) and (9).
 
     Parameters
     ----------
     learned : Learned
-        Oriented rules of d distinct points.
+        Oriented rules, learned from d distinct points.
     options : Options
         What the user has chosen.
     clock : Clock
-        Told the stage.
+        Measures and reports the stage.
 
     Returns
     -------
     estimate : NormalEstimate
-        Of all points.
+        The result for all points.
     normals, residual : (d, 3) and (d,) float64
-        Of the distinct points.
+        Normals of the distinct points, and their distances from the surface.
     """
     with clock.stage("inference"):
         cloud, samples, rules = learned.cloud, learned.samples, learned.rules
@@ -212,7 +212,7 @@ def infer(learned: Learned, options: Options, clock: Clock) -> tuple[NormalEstim
 def _fitted(
     samples: Samples, sides: Array, limits: Limits, clock: Clock, threads: int
 ) -> tuple[RuleBase, Samples]:
-    """Choose the scale anew with sides, draw typical data, and fit a rule to each."""
+    """Choose the scale again with known sides, find typical data, and fit a rule to each datum."""
     tree, points = samples.tree, samples.points
     with clock.stage("scale"):  # Algorithm 1, step 6
         scale = refine_scale(points, tree, samples.scale, sides, limits, threads)
@@ -226,14 +226,14 @@ def _fitted(
 
 
 def _limits(options: Options, extent: float) -> Limits:
-    """Put the limits of the user into the unit cube, where no radius needs to be larger."""
+    """Convert the user's limits to the unit cube, where no radius needs to be larger than ALL."""
     if options.radius is None:
         return Limits(options.max_nn)
     return Limits(options.max_nn, min(options.radius / extent, ALL))
 
 
 def _inside(viewpoint: Array | None, cloud: Cloud) -> Array | None:
-    """Where all distinct points were seen from, or each, in the unit cube."""
+    """Return the viewpoint of all distinct points, or of each, in the unit cube."""
     if viewpoint is None:
         return None
     x = (viewpoint - cloud.middle) / cloud.extent

@@ -1,4 +1,4 @@
-"""Algorithm 2 with section 4: a function from oriented rules, and the mesh of its zero set."""
+"""Algorithm 2 with section 4: make an implicit function from rules, and mesh its zero set."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Function:
-    """A function that is zero on the surface, and how finely it is to be sampled.
+    """An implicit function that is zero on the surface, and the resolution to sample it at.
 
     Attributes
     ----------
@@ -41,15 +41,15 @@ class Function:
     on_surface : (m, 3) float64
         Samples moved onto the surface.
     on_solid : (m,) bool
-        Samples on what the winding number takes for a solid.
+        Samples on parts that are solids according to the winding number.
     spacing : (m,) float64
-        Distance of neighbouring samples, or what the cubes resolve where that is more.
+        Distance between neighbouring samples, or the resolution of the cubes if that is coarser.
     size, finest : float
-        Edge of a cube where data is as usual, and of the finest cubes.
+        Edge of a cube where the spacing is typical, and of the finest cubes.
     levels : (m,) int64
         The cubes around a sample have an edge of ``finest * 2**level``.
     offset_points : int
-        Points beside the surface that Algorithm 2 has used.
+        Number of off-surface points that Algorithm 2 used.
     """
 
     rules: RuleBase
@@ -74,9 +74,10 @@ class Meshed:
     confidence : (v,) float64
         Support by the data.
     beyond : (v,) float64
-        Distance from the nearest sample, divided by what a rim vouches for; 0 where supported.
+        Distance from the nearest sample, divided by the distance up to which a rim supports the
+        surface; 0 where the data support it.
     closing : Closing or None
-        What was decided of holes, if that was asked.
+        What was decided about the holes, unless the user decided.
     watertight : bool
         Whether the mesh is closed.
     """
@@ -92,7 +93,7 @@ class Meshed:
 def implicit_function(
     learned: Learned, facing: Array, residual: Array, options: Options, clock: Clock
 ) -> Function:
-    """Make a function of oriented rules and choose the cubes it is sampled on.
+    """Make an implicit function from oriented rules, and choose the cubes it is sampled on.
 
     Parameters
     ----------
@@ -103,7 +104,7 @@ def implicit_function(
     options : Options
         What the user has chosen.
     clock : Clock
-        Told the stages.
+        Measures and reports the stages.
 
     Returns
     -------
@@ -128,7 +129,7 @@ def implicit_function(
         solid, on_solid = solids(rules, on_surface, threads)
         spacing = scale.spacing[scale.at(inliers, threads)]
         spacing = local_spacing(spacing, on_solid, inliers, samples.tree, threads)
-        # On a sheet cubes may be larger: the winding number says nothing of how thin it is.
+        # On a sheet cubes may be larger: the winding number does not show how thin it is.
         thick = replace(rules, confidence=np.where(solid, rules.confidence, 1.0))
         wider = np.where(on_solid, 1.0, SHEET)
         size, finest, levels = choose_cubes(
@@ -158,16 +159,16 @@ def implicit_function(
 
 
 def triangulate(function: Function, options: Options, clock: Clock) -> Meshed:
-    """Triangulate the zero set, and end it where the user or the data say.
+    """Triangulate the zero set, and end it where the user or the data say so.
 
     Parameters
     ----------
     function : Function
-        What is zero on the surface.
+        The function that is zero on the surface.
     options : Options
         What the user has chosen.
     clock : Clock
-        Told the stage.
+        Measures and reports the stage.
 
     Returns
     -------
@@ -213,7 +214,7 @@ def _voxel_size(options: Options, inliers: Array, extent: float) -> float | None
 
 
 def _border(options: Options, function: Function) -> Judge | float | None:
-    """Say where the surface ends: where a judge says, at the user's level, or nowhere."""
+    """Return what ends the surface: a judge of holes, the user's level, or nothing (None)."""
     if options.closes is True:
         return None
     if options.trim is None or options.trim == "auto":

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from o3d_sofnn import validation
 
 OF_NORMALS = ("max_nn", "radius", "viewpoint", "towards", "n_threads")
-"""Options of both operators; those of the surface alone are the others."""
+"""Options of both operators; all others are for the surface alone."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """Options of both operators; every default needs no tuning.
+    """Options of both operators; the defaults need no tuning.
 
     Attributes
     ----------
@@ -26,28 +26,28 @@ class Options:
         Largest radius of a local fit, in the unit of the points.
     viewpoint : (3,) or (n, 3) float64, optional
         Where the scanner stood, for all points or for each of them: every normal faces it, and
-        points that hang between things, as seen from there, count as outliers.
+        points that hang between objects, as seen from there, count as outliers.
     towards : (3,) float64, optional
         The same for a scanner that is far away: a direction that every normal faces.
     n_threads : int, default -1
-        Threads; -1 for one a core. The result does not depend on it.
+        Number of threads; -1 uses one per core. The result does not depend on it.
     depth : int, optional
-        The longest side of the bounding box, that of the outliers left out, is divided into
-        ``2**depth`` cubes (1 to 16).
+        The longest side of the bounding box of the inliers is divided into ``2**depth`` cubes
+        (1 to 16).
     voxel_size : float, optional
         Edge of a cube, in the unit of the points. Without `depth` and `voxel_size` it is chosen
         from spacing, noise and curvature.
     closed : bool or "auto", default "auto"
-        True closes the mesh whatever the data say, False leaves every hole open. "auto" closes what
-        the data say is a solid, and small holes elsewhere.
+        True closes the mesh whatever the data show, False leaves every hole open. "auto" closes
+        solids, as far as the data show them, and small holes elsewhere.
     trim : float or "auto", optional
-        Cut away what has a confidence below this, 0 to 1, in place of what `closed` says. "auto"
-        is another name for ``closed="auto"``.
+        Cut away everything with a confidence below this (0 to 1), instead of what `closed` says.
+        "auto" is another name for ``closed="auto"``.
     target_triangles : int, optional
-        Collapse edges until so many are left. None keeps all.
+        Collapse edges until this many triangles are left. None keeps all.
     precision : float, optional
-        Largest residual that the local surfaces shall leave (epsilon of Algorithm 2), in the unit
-        of the points. None takes it from noise and size.
+        Largest allowed residual of the local surfaces (epsilon of Algorithm 2), in the unit of the
+        points. None derives it from noise and size.
     """
 
     max_nn: int | None = None
@@ -64,12 +64,12 @@ class Options:
 
     @classmethod
     def checked(cls, n_points: int, *, use_normals: bool = False, **fields: Any) -> Options:
-        """Check what a user has typed.
+        """Check the options that a user has given.
 
         Parameters
         ----------
         n_points : int
-            Points of the cloud, those without finite coordinates included.
+            Number of points in the cloud, including those without finite coordinates.
         use_normals : bool, default False
             Whether the sides are taken from the cloud's own normals.
         **fields
@@ -112,11 +112,11 @@ class Options:
 
     @property
     def closes(self) -> bool | Literal["auto"]:
-        """What becomes of holes: what `closed` says unless there is a level to cut at."""
+        """How holes are treated: as `closed` says, unless there is a level to cut at."""
         return self.closed if self.trim in (None, "auto") else False
 
     def of_rows(self, mask: NDArray[np.bool_]) -> Options:
-        """Return the options for some rows, (n,) bool, of the cloud."""
+        """Return the options for the rows of the cloud in a mask, (n,) bool."""
         if self.viewpoint is None or self.viewpoint.ndim == 1 or mask.all():
             return self
         return replace(self, viewpoint=self.viewpoint[mask])

@@ -1,4 +1,4 @@
-"""The method, top to bottom: two operators on arrays, a call a stage, a file behind each call."""
+"""The method from top to bottom: two operators on arrays. Each stage is a call to its own file."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def estimate_normals(
     progress : callable, optional
         Called with the fraction done and the name of the stage that begins.
     **fields
-        Attributes of :class:`Options` by name, over those of `options`.
+        Attributes of :class:`Options` by name; they override those of `options`.
 
     Returns
     -------
@@ -82,12 +82,12 @@ def reconstruct_surface(
     options : Options, optional
         What the user has chosen.
     normals : (n, 3) float64, optional
-        Known sides: the surface faces them. None finds the sides from the points. Not together with
-        a viewpoint or a direction in `options`.
+        Known normals: the surface faces the same sides. None finds the sides from the points. They
+        cannot be combined with a viewpoint or a direction in `options`.
     progress : callable, optional
         Called with the fraction done and the name of the stage that begins.
     **fields
-        Attributes of :class:`Options` by name, over those of `options`.
+        Attributes of :class:`Options` by name; they override those of `options`.
 
     Returns
     -------
@@ -112,7 +112,7 @@ def reconstruct_surface(
     estimate, facing, residual = infer(learned, options, clock)  # Eq. (7), (9)
     function = implicit_function(learned, facing, residual, options, clock)  # Algorithm 2
     cloud, asked = learned.cloud, _asked(points, estimate, learned, function.spacing)
-    del learned, facing, residual  # a third of what is held
+    del learned, facing, residual  # a third of the memory in use
     meshed = triangulate(function, options, clock)  # section 4
     rules, size, offset_points = function.rules, function.size, function.offset_points
     del function
@@ -143,7 +143,7 @@ def reconstruct_surface(
 
 
 def _asked(points: Array, estimate: NormalEstimate, learned: Learned, spacing: Array) -> Inliers:
-    """Return what the mesh is checked against: a part of the inliers."""
+    """Return the sample of the inliers that the mesh is checked against."""
     cloud, kept = learned.cloud, learned.samples.kept
     rows = cloud.first[kept]
     directions = learned.evidence.directions(points)
@@ -155,5 +155,5 @@ def _asked(points: Array, estimate: NormalEstimate, learned: Learned, spacing: A
 
 
 def _facing(points: Array, estimate: NormalEstimate) -> NormalEstimate:
-    """Turn every normal to where its point was seen from, if that is known."""
+    """Turn every normal towards the place its point was seen from, if that is known."""
     return replace(estimate, normals=estimate.evidence.turned(points, estimate.normals))

@@ -53,29 +53,29 @@ class Shown(ABC):
 
 @dataclass(frozen=True, repr=False)
 class NormalEstimate(Shown):
-    """Oriented normals and what was learned on the way.
+    """Oriented normals and what was learned while estimating them.
 
     Attributes
     ----------
     normals : (n, 3) float64
-        Unit, outward, one a point in the order of the input.
+        Outward unit normals, one per point in the order of the input.
     confidence : (n,) float64
         Confidence in the side of each normal: 1 where the winding number falls by one from behind
         the surface to its front and the rules agree, 0 on open sheets without an outer side.
     outliers : (n,) bool
         Points that took no part in the fits.
     noise : (n,) float64
-        Standard deviation of the points about the surface around each point, in their unit.
+        Standard deviation of the points from the surface around each point, in their unit.
     noise_level : float
         Median of ``noise``.
     spacing : float
-        Edge of the square of surface that one point covers, median, in the unit of the points.
+        Median edge of the square of surface that one point covers, in the unit of the points.
     seconds : dict of str to float
         Time of each stage.
     rules : RuleBase
         The rule base, in the coordinates of the points.
     evidence : Evidence
-        What the sides of the normals were decided by.
+        How the sides of the normals were decided.
     warnings : tuple of str
         What a user should look at.
     """
@@ -104,7 +104,7 @@ class NormalEstimate(Shown):
 
 @dataclass(frozen=True, repr=False)
 class SurfaceEstimate(Shown):
-    """A triangle mesh and what was learned on the way.
+    """A triangle mesh and what was learned while making it.
 
     Attributes
     ----------
@@ -112,23 +112,23 @@ class SurfaceEstimate(Shown):
     triangles : (f, 3) int32
         Counter-clockwise as seen from outside.
     vertex_normals : (m, 3) float64
-        Unit.
+        Unit normals.
     confidence : (m,) float64
         1 where the data supports the surface, 0 where it only closes a hole.
     weigh : callable
         Computes `source_weights`.
     normals : NormalEstimate
-        Of the points.
+        Normals of the points.
     offset_points : int
-        Offset points that the local implicits used.
+        Number of off-surface points that the local implicit functions used.
     voxel_size : float
         Edge of a cube of the extraction grid, in the unit of the points.
     seconds : dict of str to float
-        Time of each stage, those of the normals included.
+        Time of each stage, including those of the normals.
     watertight : bool
-        Whether every edge has two triangles, which run through it in opposite directions.
+        Whether every edge belongs to two triangles that run through it in opposite directions.
     closing : Closing or None
-        What was closed and why; None where the user has chosen ``closed=True`` or a level.
+        What was closed and why; None if the user chose ``closed=True`` or a level.
     quality : Quality
         Self-check: how well the mesh fits the points.
     """
@@ -160,14 +160,14 @@ class SurfaceEstimate(Shown):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a user should look at, of the normals and of the mesh."""
+        """What a user should look at in the normals and in the mesh."""
         return (*self.normals.warnings, *self.quality.warnings(not self.watertight))
 
     @cached_property
     def source_weights(self) -> scipy.sparse.csr_matrix:
-        """Sparse (m, n), computed when first asked for; rows sum to one.
+        """Sparse (m, n) matrix, computed when first asked for; its rows sum to one.
 
-        ``source_weights @ colors`` carries any attribute of the points over to the vertices.
+        ``source_weights @ colors`` transfers any attribute of the points to the vertices.
         """
         return self.weigh()
 
@@ -179,15 +179,15 @@ def left_out(finite: NDArray[np.bool_]) -> str:
 
 
 def scatter_normals(estimate: NormalEstimate, finite: NDArray[np.bool_]) -> NormalEstimate:
-    """Bring per-point arrays to the user's rows, those without finite coordinates included.
+    """Arrange per-point arrays in the user's rows, including those without finite coordinates.
 
     Parameters
     ----------
     estimate : NormalEstimate
-        Of the f finite points.
+        The result for the f finite points.
     finite : (n,) bool
-        Which of the user's points they are. The others get the normal (0, 0, 0), the confidence 0
-        and the noise NaN, count as outliers, and are mentioned in a warning.
+        Which of the user's points are finite. The others get the normal (0, 0, 0), the confidence
+        0 and the noise NaN, count as outliers, and are mentioned in a warning.
     """
     if finite.all():
         return estimate

@@ -1,1 +1,1 @@
-"""The two operators, for any kind of cloud, and what stands for Open3D's Poisson."""
+"""The two operators, for any kind of cloud, and a replacement for Open3D's Poisson function."""

@@ -16,29 +16,29 @@ from o3d_sofnn.progress import ProgressBar, ProgressCallback
 from o3d_sofnn.results import left_out
 
 _logger = logging.getLogger("o3d_sofnn")
-# Warnings are seen without a log; who wants them there, too, gives the log a handler.
+# Warnings are shown without logging; a handler on this logger records them, too.
 _logger.addHandler(logging.NullHandler())
 
 
 class ReconstructionWarning(UserWarning):
-    """A result is doubtful: what was seen, and what to do."""
+    """A result is doubtful; the text says what was noticed, and what to do."""
 
 
 def warn(*texts: str) -> None:
-    """Warn the caller of the operator, and the log."""
+    """Warn the caller of the operator, and log the warnings."""
     for text in texts:
         _logger.warning(text)
         warnings.warn(text, ReconstructionWarning, stacklevel=3)
 
 
 def inform(text: str) -> None:
-    """Tell the log."""
+    """Log a text."""
     _logger.info(text)
 
 
 @contextlib.contextmanager
 def progress_of(print_progress: bool | ProgressCallback) -> Iterator[ProgressCallback | None]:
-    """Give what reports progress: a bar, what the user has given, or None."""
+    """Provide a progress callback: a bar, the user's callable, or None."""
     if callable(print_progress):
         yield print_progress
     elif validation.check_flag(print_progress, "print_progress", "True, False or a callable"):
@@ -49,7 +49,7 @@ def progress_of(print_progress: bool | ProgressCallback) -> Iterator[ProgressCal
 
 
 def finite_points(cloud: adapters.CloudArrays) -> NDArray[np.bool_]:
-    """Return the mask of finite points; too few of them are an error, some missing a warning."""
+    """Return the mask of finite points; too few are an error, points left out are a warning."""
     finite = validation.finite_rows(cloud.points)
     count = int(np.count_nonzero(finite))
     validation.check_point_count(count, "pcd")
@@ -60,7 +60,7 @@ def finite_points(cloud: adapters.CloudArrays) -> NDArray[np.bool_]:
 
 
 def own_normals(cloud: adapters.CloudArrays, finite: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the normals of a cloud; a ``ValueError`` where it has none that can be used."""
+    """Return the normals of a cloud, or raise ``ValueError`` if it has no usable ones."""
     if cloud.normals is None:
         raise ValueError("use_normals: expected a cloud with normals, got one without")
     bad = int(np.count_nonzero(finite & ~validation.finite_rows(cloud.normals)))
@@ -83,5 +83,5 @@ def neighborhood(
 
 
 def rows_of(array: NDArray[np.float64], mask: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return some rows, without a copy where that is all of them."""
+    """Return the rows in a mask, without a copy if the mask selects all of them."""
     return array if mask.all() else array[mask]

@@ -1,4 +1,4 @@
-"""A function that stands where Open3D's Poisson reconstruction stood."""
+"""A replacement for Open3D's Poisson reconstruction function."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from o3d_sofnn.operators.surfaces import reconstruct_surface
 from o3d_sofnn.results import SurfaceEstimate
 
 SCALE = 1.1
-"""What Open3D has for ``scale``."""
+"""Open3D's default for ``scale``."""
 
 
 def create_from_point_cloud_sofnn(
@@ -27,40 +27,40 @@ def create_from_point_cloud_sofnn(
 ) -> tuple[Any, Any]:
     """Reconstruct a closed mesh as ``TriangleMesh.create_from_point_cloud_poisson`` does.
 
-    Scripts that call Open3D's function and cut away vertices of low density need another name, no
-    normals, and nothing else.
+    In scripts that call Open3D's function and cut away vertices of low density, only the name of
+    the function changes; normals are no longer needed.
 
     Parameters
     ----------
     pcd : open3d.geometry.PointCloud
-        The cloud; normals that it has are not looked at, unless ``use_normals=True``.
+        The cloud; normals in it are ignored, unless ``use_normals=True``.
     depth : int, optional
         The largest side of the bounding box has 2**depth cells, 1 to 16. None, the default, finds
-        the resolution from the points, which Poisson's 8 does not.
+        the resolution from the points, unlike Poisson's default of 8.
     width : float, default 0
-        Edge of a cell, in the cloud's unit; 0 for none. Open3D ignores it beside ``depth``, and so
-        does this.
+        Edge of a cell, in the cloud's unit; 0 means not given. It is ignored if ``depth`` is given,
+        as in Open3D.
     scale, linear_fit : optional
-        Of Poisson's own grid. There is none here: a ValueError for other values than Open3D's
-        defaults, 1.1 and False.
+        Parameters of Poisson's own grid, which does not exist here: values other than Open3D's
+        defaults, 1.1 and False, raise ValueError.
     n_threads : int, default -1
         -1 uses all cores. The result is the same for any number.
     **options
-        Of :func:`o3d_sofnn.reconstruct_surface`, by name. ``closed`` is True unless it is given.
+        Options of :func:`o3d_sofnn.reconstruct_surface` by name. ``closed`` defaults to True.
 
     Returns
     -------
     mesh : open3d.geometry.TriangleMesh
     densities : open3d.utility.DoubleVector
-        One value a vertex, larger where more points support it: between 0 and `depth` (that of the
-        cells, found or given) it is the confidence times that depth; where nothing supports the
-        surface it is minus the distance to the nearest point, in cells. So quantiles cut away first
-        what is farthest from the points.
+        One value per vertex, larger where more points support it. Where points support the surface,
+        it is the confidence times the depth (found or given), from 0 to `depth`; elsewhere it is
+        minus the distance to the nearest point, in cells. So quantiles first cut away what is
+        farthest from the points.
 
     Raises
     ------
     ValueError
-        As of :func:`o3d_sofnn.reconstruct_surface`, or `scale` or `linear_fit` is not the default.
+        As in :func:`o3d_sofnn.reconstruct_surface`, or `scale` or `linear_fit` is not the default.
     """
     if scale != SCALE:
         raise ValueError(f"scale: expected {SCALE}, there is no other grid here, got {scale}")

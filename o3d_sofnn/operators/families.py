@@ -1,6 +1,6 @@
-"""What users hold their points in, and what they get back: arrays, Open3D, trimesh, PyVista.
+"""Kinds of clouds that users pass in and get back: arrays, Open3D, trimesh, PyVista.
 
-A library is never imported to find out: who has an object of it has imported it.
+No library is imported to recognise its objects: whoever has such an object has imported it.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ Triangles = NDArray[np.integer[Any]]
 
 
 class Family(Protocol):
-    """How to read clouds of a kind, and to write what was found."""
+    """How to read clouds of one kind, and how to return results."""
 
     def read(self, pcd: Any) -> CloudArrays:
-        """Return copies of the arrays of a cloud; a ``ValueError`` names what does not fit."""
+        """Return copies of the arrays of a cloud; a ``ValueError`` says what does not fit."""
 
     def with_normals(self, pcd: Any, normals: Array) -> Any:
         """Return what ``estimate_normals`` returns for (n, 3) normals."""
@@ -42,7 +42,7 @@ class Family(Protocol):
 
 
 def family_of(pcd: Any) -> Family:
-    """Return the family of a cloud; what is of no known library is taken for an array."""
+    """Return the family of a cloud; objects of unknown libraries are treated as arrays."""
     if isinstance(pcd, CloudArrays):
         return Held()
     names = {f"{base.__module__.partition('.')[0]}.{base.__name__}" for base in type(pcd).__mro__}
@@ -56,7 +56,7 @@ def family_of(pcd: Any) -> Family:
 
 
 class Arrays:
-    """An (n, 3) array, or what can be made one: normals and a mesh are arrays too."""
+    """An (n, 3) array, or something convertible; normals and meshes are returned as arrays."""
 
     def read(self, pcd: Any) -> CloudArrays:
         """See :class:`Family`."""
@@ -83,7 +83,7 @@ class Arrays:
 
 
 class Open3D:
-    """Legacy and tensor clouds of Open3D: normals are written in place, meshes of the same kind."""
+    """Legacy and tensor clouds of Open3D; normals are written in place."""
 
     def read(self, pcd: Any) -> CloudArrays:
         """See :class:`Family`."""
@@ -95,7 +95,7 @@ class Open3D:
         return pcd
 
     def mesh(self, pcd: Any, vertices: CloudArrays, triangles: Triangles) -> Any:
-        """Return a TriangleMesh, legacy or tensor as the cloud is."""
+        """Return a TriangleMesh, legacy or tensor like the cloud."""
         return adapters.make_mesh(pcd, vertices, triangles)
 
 
@@ -116,7 +116,7 @@ class Trimesh:
         return pcd
 
     def mesh(self, pcd: Any, vertices: CloudArrays, triangles: Triangles) -> Any:
-        """Return a Trimesh with vertex normals and, where the cloud has them, colours."""
+        """Return a Trimesh with vertex normals and, if the cloud has them, colours."""
         import trimesh
 
         colors = vertices.attributes.get("colors")
@@ -130,7 +130,7 @@ class Trimesh:
 
 
 class PyVista:
-    """``pyvista.PolyData`` and ``PointSet``: normals and a mesh as VTK names them."""
+    """``pyvista.PolyData`` and ``PointSet``; normals are named as in VTK."""
 
     def read(self, pcd: Any) -> CloudArrays:
         """See :class:`Family`."""
@@ -159,7 +159,7 @@ class PyVista:
 
 
 class Held:
-    """What a file held: for programs that need no library to hold it in."""
+    """The contents of a file, for programs that need no library for point clouds."""
 
     def read(self, pcd: CloudArrays) -> CloudArrays:
         """See :class:`Family`."""
@@ -172,5 +172,5 @@ class Held:
     def mesh(
         self, pcd: CloudArrays, vertices: CloudArrays, triangles: Triangles
     ) -> tuple[CloudArrays, Triangles]:
-        """Return the vertices with all that they carry, and the triangles."""
+        """Return the vertices with all their attributes, and the triangles."""
         return vertices, triangles

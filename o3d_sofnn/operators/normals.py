@@ -72,29 +72,29 @@ def estimate_normals(
     Parameters
     ----------
     pcd : array_like, shape (n, 3), or cloud
-        The points, in any unit. A cloud is a PointCloud of Open3D, legacy or tensor, or of trimesh,
+        The points, in any unit. A cloud is a PointCloud of Open3D (legacy or tensor) or trimesh,
         or a PolyData of PyVista: its normals are written in place, nothing else in it changes, and
-        normals that it has are not looked at. A tensor cloud on a GPU is copied to the host, and
+        normals that it already has are ignored. A tensor cloud on a GPU is copied to the host, and
         the normals back to its device; trimesh keeps them in ``pcd.metadata["normals"]``.
     search_param : open3d.geometry.KDTreeSearchParamKNN, ...Radius, ...Hybrid, optional
-        Largest neighbourhood of a local fit, in points, in the cloud's unit, or both. None finds
-        it from the data.
+        Largest neighbourhood of a local fit: a number of points, a radius in the cloud's unit, or
+        both. None finds it from the data.
     fast_normal_computation : bool, default True
-        Accepted because Open3D's function has it; there is one way to compute normals here.
+        Accepted because Open3D's function has it; it has no effect.
     max_nn, radius : int and float, optional
         The same as ``search_param``, as for tensor clouds of Open3D; not together with it.
     viewpoint : array_like, shape (3,) or (n, 3), optional
         Where the scanner stood, in the cloud's coordinates, for all points or for each of them (one
-        row a point, those that are not finite included): every normal faces it, and points that
-        hang between things as seen from there (mixed pixels) are outliers.
+        row per point, including those that are not finite): every normal faces it, and points that
+        hang between objects as seen from there (mixed pixels) are outliers.
     towards : array_like, shape (3,), optional
         The same for a scanner that was far away: a direction that every normal faces. At most one
-        of ``viewpoint`` and ``towards``. With neither, normals face where the points were seen from
-        if the points tell: the camera of a depth image, scanners that explain the density, the sky
-        above level ground. Else they face outward; an open sheet then faces the side from which it
-        looks convex as a whole; where neither side is (a plane) it faces up (z, else y, else x),
-        its confidence is 0, and a warning in the details says so. What has decided, with its
-        figures, is in ``details.evidence``.
+        of ``viewpoint`` and ``towards``. With neither, normals face the place the points were seen
+        from, if the points reveal it: the camera of a depth image, scanners that explain the
+        density, the sky above level ground. Otherwise they face outward. An open sheet then faces
+        the side from which it looks convex as a whole; if there is none (a plane), it faces up (z,
+        else y, else x), its confidence is 0, and a warning in the details says so. What decided,
+        with its figures, is in ``details.evidence``.
     n_threads : int, default -1
         -1 uses all cores. The result is the same for any number.
     print_progress : bool or callable, default False
@@ -105,8 +105,8 @@ def estimate_normals(
     Returns
     -------
     normals : numpy.ndarray, shape (n, 3), or cloud
-        The normals of an array; a cloud that was given, with its normals. Rows with NaN or infinity
-        have the normal (0, 0, 0).
+        For an array, its normals; for a cloud, the same object, with normals. Rows with NaN or
+        infinity have the normal (0, 0, 0).
     details : NormalDetails
         Only with ``return_details``: one row per point of ``pcd``; None for an empty cloud.
 
@@ -118,7 +118,7 @@ def estimate_normals(
 
     Notes
     -----
-    An empty cloud is returned unchanged with a warning, as Open3D does. What is doubtful is a
+    An empty cloud is returned unchanged with a warning, as Open3D does. Doubtful results lead to a
     :class:`ReconstructionWarning` and a line in the log.
     """
     family = family_of(pcd)

@@ -1,4 +1,4 @@
-"""Types of what the operators take; for type checkers alone."""
+"""Types of the operators' arguments, for type checkers only."""
 
 from __future__ import annotations
 

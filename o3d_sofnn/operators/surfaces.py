@@ -66,38 +66,38 @@ def reconstruct_surface(
     print_progress: bool | ProgressCallback = False,
     return_details: bool = False,
 ) -> Any:
-    """Reconstruct a triangle mesh from a cloud without normals: watertight where it is a solid.
+    """Reconstruct a triangle mesh from a cloud without normals, watertight if it is a solid.
 
     Parameters
     ----------
     pcd : array_like, shape (n, 3), or cloud
-        The points, in any unit; not changed. A cloud is a PointCloud of Open3D, legacy or tensor,
-        or of trimesh, or a PolyData of PyVista. Rows with NaN or infinity are left out.
+        The points, in any unit; not changed. A cloud is a PointCloud of Open3D (legacy or tensor)
+        or trimesh, or a PolyData of PyVista. Rows with NaN or infinity are left out.
     depth : int, optional
         Resolution: the largest side of the bounding box has 2**depth cells (1 to 16). None finds
         it from the spacing of the points.
     voxel_size : float, optional
-        Resolution: side of a cell, in the cloud's unit. At most one of ``depth``, ``voxel_size``.
+        Resolution: edge of a cell, in the cloud's unit. At most one of ``depth``, ``voxel_size``.
     use_normals : bool, default False
         Take the sides of the surface from the cloud's own normals. False ignores them.
     viewpoint, towards : array_like, optional
-        As in :func:`estimate_normals`: the surface faces where the scanner stood, or a direction.
+        As in :func:`estimate_normals`: the surface faces the scanner's place, or a direction.
         At most one of ``use_normals``, ``viewpoint`` and ``towards``.
     closed : bool or "auto", default "auto"
-        "auto" closes the mesh where the points say it is a solid, and leaves it open where nothing
+        "auto" closes the mesh where the points enclose a solid, and leaves it open where nothing
         was measured, with small holes closed; ``details.closing`` says what was decided and why.
-        True closes it whatever the points say, False leaves every hole open.
+        True closes it whatever the points show, False leaves every hole open.
     trim : float or "auto", optional
-        Cut away what has a confidence (0 to 1) below this, along a smooth border, in place of what
-        ``closed`` says. "auto" is another name for ``closed="auto"``.
+        Cut away everything with a confidence (0 to 1) below this, along a smooth border, instead of
+        what ``closed`` says. "auto" is another name for ``closed="auto"``.
     target_triangles : int, optional
-        Decimate to so many triangles (at least 4); a closed mesh stays closed. None keeps all.
+        Decimate to this many triangles (at least 4); a closed mesh stays closed. None keeps all.
     precision : float, optional
-        Largest distance that the local surfaces shall leave to the points (epsilon of Algorithm 2),
-        in the cloud's unit. None takes it from the noise.
+        Largest allowed distance of the points from the local surfaces (epsilon of Algorithm 2), in
+        the cloud's unit. None derives it from the noise.
     search_param : open3d.geometry.KDTreeSearchParamKNN, ...Radius, ...Hybrid, optional
-        Largest neighbourhood of a local fit, in points, in the cloud's unit, or both. None finds
-        it from the data.
+        Largest neighbourhood of a local fit: a number of points, a radius in the cloud's unit, or
+        both. None finds it from the data.
     max_nn, radius : int and float, optional
         The same as ``search_param``, without a class of Open3D; not together with it.
     n_threads : int, default -1
@@ -110,20 +110,20 @@ def reconstruct_surface(
     Returns
     -------
     vertices, triangles : numpy.ndarray, shape (m, 3) and (f, 3)
-        Of an array; triangles run counter-clockwise as seen from outside.
+        Returned for an array; triangles run counter-clockwise as seen from outside.
     mesh : open3d TriangleMesh, trimesh.Trimesh or pyvista.PolyData
-        Of a cloud in its place: of the same family, with vertex normals, and colours when ``pcd``
-        has them. Tensor meshes and PolyData have the other attributes of the points too:
-        floating-point ones blended, others (labels) from the point that counts most.
+        Returned for a cloud: of the same family, with vertex normals, and colours if ``pcd`` has
+        them. Tensor meshes and PolyData also have the other attributes of the points:
+        floats are blended, others (labels) come from the point with the largest weight.
     details : SurfaceDetails
         Only with ``return_details``; per-point arrays have one row per point of ``pcd``.
 
     Raises
     ------
     ValueError
-        ``pcd`` has less than 4 finite points, or they coincide, or lie on a line or in a plane
-        (in a plane: only with ``closed=True``); ``use_normals`` without normals; an option is out
-        of range; ``pcd`` is neither an array nor a cloud.
+        ``pcd`` has fewer than 4 finite points, or they coincide, or lie on a line or (with
+        ``closed=True``) in a plane; ``use_normals`` is given without normals; an option is out of
+        range; ``pcd`` is neither an array nor a cloud.
     """
     family = family_of(pcd)
     cloud = family.read(pcd)
