@@ -46,8 +46,8 @@ def import_open3d() -> Any:
         import open3d
     except ModuleNotFoundError as error:
         raise ImportError(
-            "o3d_sofnn needs Open3D here; type: pip install open3d-cpu "
-            "(any other flavour of Open3D serves too)"
+            "o3d_sofnn needs Open3D here; type: pip install 'o3d_sofnn[open3d]' "
+            "(any flavour of Open3D serves)"
         ) from error
     except (ImportError, OSError) as error:
         advice = "on Debian or Ubuntu type: apt-get install libusb-1.0-0 libgl1 libegl1 libopengl0 "
