@@ -116,8 +116,11 @@ def open_handles(
     triangles: NDArray[np.int32],
     edges: NDArray[np.int32],
     radius: _Floats,
+    largest: int,
 ) -> tuple[_Floats, NDArray[np.int32], NDArray[np.int32], NDArray[np.uint8]]:
     """Cut short loops around handles within `radius` (k,) of half-edges (k,), and close both sides.
+
+    At most `largest` triangles around each half-edge are looked at.
 
     Returns vertices (m + c, 3), triangles, the vertex that each one was or is near to (m + c,), and
     whether it lies on a cut (1 or 0).

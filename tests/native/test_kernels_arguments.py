@@ -102,9 +102,10 @@ def wrong_calls():
     yield "after", lambda: _kernels.undo_turns(vertices, few, triangles, 0.5)
     yield "suspect", lambda: _kernels.intersecting_pairs(vertices, triangles, suspect[1:], 1)
     yield "closed", lambda: _kernels.handle_edges(vertices, triangles[1:])
-    yield "closed", lambda: _kernels.open_handles(vertices, triangles[1:], half_edges, one[:1])
-    yield "edges", lambda: _kernels.open_handles(vertices, triangles, half_edges - 1, one[:1])
-    yield "edges", lambda: _kernels.open_handles(vertices, triangles, half_edges, one)
+    yield "closed", lambda: _kernels.open_handles(vertices, triangles[1:], half_edges, one[:1], 9)
+    yield "edges", lambda: _kernels.open_handles(vertices, triangles, half_edges - 1, one[:1], 9)
+    yield "edges", lambda: _kernels.open_handles(vertices, triangles, half_edges, one, 9)
+    yield "largest", lambda: _kernels.open_handles(vertices, triangles, half_edges, one[:1], 0)
 
 
 def test_what_does_not_fit_is_an_error_that_names_the_argument():
@@ -153,7 +154,7 @@ for bad in (np.nan, np.inf, -np.inf, 1e308):
         _kernels.undo_turns(odd, moved, triangles, 0.5)
         _kernels.undo_turns(vertices, odd, triangles, 0.5)
         edges = np.asarray(_kernels.handle_edges(odd, triangles))
-        _kernels.open_handles(odd, triangles, edges, np.full(len(edges), 10.0))
+        _kernels.open_handles(odd, triangles, edges, np.full(len(edges), 10.0), 10_000)
 """
 
 

@@ -52,7 +52,8 @@ def loops(vertices: Array, triangles: Array, spacing: float) -> Iterator[Array]:
     """
     for reach in np.repeat(REACHES * spacing, ROUNDS):
         edges = np.asarray(_kernels.handle_edges(vertices, triangles))
-        opened = _kernels.open_handles(vertices, triangles, edges, np.full(len(edges), reach))
+        radius = np.full(len(edges), reach)
+        opened = _kernels.open_handles(vertices, triangles, edges, radius, len(triangles))
         vertices, changed = map(np.asarray, opened[:2])
         lids = changed[len(triangles) :: 2]  # in turn those on the left and on the right of a cut
         for first in np.unique(lids[:, 0]):

@@ -22,6 +22,11 @@ REACH = 3.0
 """Radius of a ball that holds the whole of a handle that is opened, over the spacing."""
 
 
+LARGEST = 4096
+"""Triangles of a patch at most; such a ball holds some 300 (99 in 100 at most 4000). Beside an
+isolated sample far from all others it would hold much of the mesh, with all of its handles."""
+
+
 ROUNDS = 3
 """Times that the handles are looked for: edges found for one may lie at another one."""
 
@@ -98,7 +103,7 @@ def _cut(
         if len(left):
             free = _nearest(left, middles, 1)[0] > reach
             edges, middles, reach = edges[free], middles[free], reach[free]
-        opened = native_open_handles(vertices, triangles, edges, reach)
+        opened = native_open_handles(vertices, triangles, edges, reach, LARGEST)
         vertices, changed, like, touched = map(np.asarray, opened)
         source, on_cut = source[like], on_cut[like] | (touched > 0)
         seeds.append(middles)

@@ -209,10 +209,11 @@ void bind_meshing(nb::module_& m) {
         "vertices"_a, "triangles"_a);
 
   m.def("open_handles",
-        [](Points vertices, Triangles triangles, HalfEdgeList edges, Doubles radius) {
+        [](Points vertices, Triangles triangles, HalfEdgeList edges, Doubles radius, int64_t largest) {
           expect(radius.shape(0) == edges.shape(0) && all_below(edges.data(), edges.shape(0), 3 * triangles.shape(0)),
                  "edges, radius: expected half-edges of the triangles, and one radius for each");
-          Surface surface(view(vertices, triangles));
+          expect(largest > 0, "largest: expected at least one triangle");
+          Surface surface(view(vertices, triangles), largest);
           expect(all_below(surface.twin.data(), surface.twin.size(), surface.twin.size()), "triangles: expected a closed mesh");
           {
             nb::gil_scoped_release release;
@@ -222,7 +223,7 @@ void bind_meshing(nb::module_& m) {
           return nb::make_tuple(array(std::move(surface.vertices), {n, 3}), array(std::move(surface.corners), {t, 3}),
                                 array(std::move(surface.source), {n}), array(std::move(surface.touched), {n}));
         },
-        "vertices"_a, "triangles"_a, "edges"_a, "radius"_a);
+        "vertices"_a, "triangles"_a, "edges"_a, "radius"_a, "largest"_a);
 }
 
 }  // namespace sofnn

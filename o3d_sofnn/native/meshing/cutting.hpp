@@ -29,14 +29,16 @@ struct Surface {
   std::vector<double> vertices;
   std::vector<int32_t> corners, twin, source;  // source: the vertex that each one was, or is near to
   std::vector<uint8_t> touched;                // vertices on cuts
+  size_t largest;                              // most triangles of a patch
   std::vector<int32_t> index;                  // place of triangles in the patch that is looked at, -1 elsewhere
 
-  explicit Surface(const MeshView& mesh)
+  Surface(const MeshView& mesh, int64_t most)
       : vertices(mesh.vertices, mesh.vertices + 3 * mesh.n_vertices),
         corners(mesh.triangles, mesh.triangles + 3 * mesh.n_triangles),
         twin(HalfEdges(mesh.triangles, static_cast<int32_t>(corners.size()), mesh.n_vertices).twin),
         source(mesh.n_vertices),
         touched(mesh.n_vertices, 0),
+        largest(static_cast<size_t>(most)),
         index(mesh.n_triangles, -1) {
     std::iota(source.begin(), source.end(), 0);
   }
@@ -44,11 +46,8 @@ struct Surface {
   Vec3 vertex(int32_t i) const { return load(&vertices[3 * int64_t{i}]); }
   int32_t end(int32_t h) const { return corners[following(h)]; }
 
-  // Most triangles of a patch; a ball with a radius of three spacings holds some 300 (99 in 100 at most 4000). Beside an
-  // isolated sample far from all others it would hold much of the mesh, with all of its handles.
-  static constexpr size_t kLargest = 4096;
-
-  // Triangles that hang together with that of a half-edge, with their middles in a ball around its own middle.
+  // Triangles that hang together with that of a half-edge, with their middles in a ball around its own middle: the first
+  // `largest` of them, ring by ring.
   std::vector<int32_t> patch(int32_t h, double radius) {
     const Vec3 middle = 0.5 * (vertex(corners[h]) + vertex(end(h)));
     std::vector<int32_t> rows{h / 3};
@@ -57,7 +56,7 @@ struct Surface {
       for (int32_t g = 3 * rows[i]; g < 3 * rows[i] + 3; ++g) {
         const int32_t t = twin[g] / 3;
         const Vec3 sum = vertex(corners[3 * t]) + vertex(corners[3 * t + 1]) + vertex(corners[3 * t + 2]);
-        if (index[t] >= 0 || rows.size() == kLargest || norm((1.0 / 3.0) * sum - middle) >= radius) continue;
+        if (index[t] >= 0 || rows.size() == largest || norm((1.0 / 3.0) * sum - middle) >= radius) continue;
         index[t] = static_cast<int32_t>(rows.size()), rows.push_back(t);
       }
     return rows;

@@ -11,7 +11,6 @@ Array = NDArray[np.float64]
 Triangles = NDArray[np.int32]
 ROUNDS = 3
 SHORTER = 1 - 1e-9
-LARGEST = 4096
 
 
 class Unions:
@@ -71,7 +70,7 @@ def handle_edges(vertices: Array, triangles: Triangles) -> NDArray[np.int32]:
 
 
 def open_handles(
-    vertices: Array, triangles: Triangles, edges: NDArray[np.int32], radius: Array
+    vertices: Array, triangles: Triangles, edges: NDArray[np.int32], radius: Array, largest: int
 ) -> tuple[Array, Triangles, NDArray[np.int32], NDArray[np.uint8]]:
     """Cut short loops around the handles within a radius of half-edges, and close both sides.
 
@@ -87,7 +86,7 @@ def open_handles(
     source = list(range(len(vertices)))
     touched: set[int] = set()
     for edge, reach in zip(edges.tolist(), radius.tolist(), strict=True):
-        while len(loop := _short_loop(vertices, triangles, edge, reach)):
+        while len(loop := _short_loop(vertices, triangles, edge, reach, largest)):
             first = len(vertices)
             triangles, right = _cut(triangles, loop, first)
             middles = int(triangles.max()) + 1 - first - len(loop)
@@ -100,7 +99,9 @@ def open_handles(
     return vertices, triangles, np.array(source, np.int32), mask
 
 
-def _patch(vertices: Array, triangles: Triangles, edge: int, radius: float) -> list[int]:
+def _patch(
+    vertices: Array, triangles: Triangles, edge: int, radius: float, largest: int
+) -> list[int]:
     """Triangles that hang together with that of an edge, in a ball around its middle."""
     twin, corners = _twins(triangles), triangles.ravel()
     middle = vertices[corners[[edge, _following(edge)]]].mean(axis=0)
@@ -108,7 +109,7 @@ def _patch(vertices: Array, triangles: Triangles, edge: int, radius: float) -> l
     rows = [edge // 3]
     for row in rows:
         for h in range(3 * row, 3 * row + 3):
-            if inside[twin[h] // 3] and len(rows) < LARGEST and twin[h] // 3 not in rows:
+            if inside[twin[h] // 3] and len(rows) < largest and twin[h] // 3 not in rows:
                 rows.append(twin[h] // 3)
     return rows
 
@@ -136,9 +137,11 @@ def _cut(triangles: Triangles, loop: list[int], first: int) -> tuple[Triangles, 
     return np.concatenate([cut.reshape(-1, 3), np.array(lids, np.int32)]), right
 
 
-def _short_loop(vertices: Array, triangles: Triangles, edge: int, radius: float) -> list[int]:
+def _short_loop(
+    vertices: Array, triangles: Triangles, edge: int, radius: float, largest: int
+) -> list[int]:
     """Half-edges of a short loop that does not divide the patch around an edge."""
-    rows = _patch(vertices, triangles, edge, radius)
+    rows = _patch(vertices, triangles, edge, radius, largest)
     halves = [h for row in rows for h in range(3 * row, 3 * row + 3)]
     local = {h: k for k, h in enumerate(halves)}
     twin = _twins(triangles)

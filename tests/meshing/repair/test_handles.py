@@ -101,7 +101,7 @@ def test_kernels_agree_with_their_twins(number, radius):
     edges = np.asarray(_kernels.handle_edges(vertices, triangles))
     np.testing.assert_array_equal(edges, reference.handle_edges(vertices, triangles))
     assert edges.shape == (2 * number,)
-    args = vertices, triangles, edges, np.full(len(edges), radius)
+    args = vertices, triangles, edges, np.full(len(edges), radius), len(triangles)
     found = [np.asarray(x) for x in _kernels.open_handles(*args)]
     expected = reference.open_handles(*args)
     np.testing.assert_allclose(found[0], expected[0], rtol=0.0, atol=1e-14)
@@ -115,9 +115,9 @@ def on_torus(x):
 
 
 def test_a_torus_is_cut_around_its_tube():
-    before, triangles = extracted(on_torus, torus(6000).points, 0.12)
+    before, triangles = extracted(on_torus, torus(6000).points)
     edges = np.asarray(_kernels.handle_edges(before, triangles))[:1]
-    opened = _kernels.open_handles(before, triangles, edges, np.full(1, 9.0))
+    opened = _kernels.open_handles(before, triangles, edges, np.full(1, 9.0), len(triangles))
     after, closed, _, touched = map(np.asarray, opened)
     assert_valid_mesh(after, closed, components=1, apart=False)  # one lid lies on the other
     assert genus(closed) == 0
@@ -130,7 +130,7 @@ def test_a_torus_is_cut_around_its_tube():
 def test_no_patch_has_more_triangles_than_a_small_handle_can_have():
     vertices, triangles = extract(on_torus, torus(6000).points, SIZE)
     edges = np.asarray(_kernels.handle_edges(vertices, triangles))[:1]
-    args = vertices, triangles, edges, np.full(1, 9.0)
+    args = vertices, triangles, edges, np.full(1, 9.0), 4096
     found, expected = _kernels.open_handles(*args), reference.open_handles(*args)
     np.testing.assert_array_equal(found[1], expected[1])
     np.testing.assert_array_equal(found[1], triangles)  # half of a ring has no handle
