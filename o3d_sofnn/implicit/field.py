@@ -85,7 +85,7 @@ class Field:
     spacing : (n,) float64
         Local distance of neighbouring samples, not less than what the field shall resolve.
     n_threads : int
-        Threads.
+        Number of threads.
     """
 
     def __init__(
