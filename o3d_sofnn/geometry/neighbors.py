@@ -23,7 +23,7 @@ def neighborhood_areas(
     tree : KdTree
         Over all samples.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------

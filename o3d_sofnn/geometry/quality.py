@@ -166,7 +166,7 @@ def assess(
     inliers : Inliers
         In the coordinates of the vertices.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------

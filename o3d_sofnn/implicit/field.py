@@ -97,7 +97,7 @@ class Field:
     solid : (n,) bool
         Which of them lie on a solid, and not on a sheet or in a room.
     n_threads : int
-        Threads.
+        Number of threads.
     """
 
     def __init__(

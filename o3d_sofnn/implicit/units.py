@@ -131,7 +131,7 @@ def reconstruct_units(
     tree : KdTree
         Over `points`.
     n_threads : int
-        Threads.
+        Number of threads.
     precision : float, optional
         Epsilon of all units, in the unit of `points`. The nearer half of the points, to which the
         fit gives most of its weight, decides whether a unit is refined: the others are nearer to

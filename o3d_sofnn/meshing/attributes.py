@@ -35,7 +35,7 @@ def attribute_weights(
     size : float
         Distance over which a point counts.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------

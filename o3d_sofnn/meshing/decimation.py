@@ -26,7 +26,7 @@ def decimate(
     target : int
         Triangles wanted.
     n_threads : int, default 1
-        Threads.
+        Number of threads.
 
     Returns
     -------

@@ -49,7 +49,7 @@ def mesh(
     target : int or None
         Triangles to be left, or as few as can be.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------

@@ -95,7 +95,7 @@ def densities(
     details : SurfaceEstimate
         The mesh.
     n_threads : int, default -1
-        Threads.
+        Number of threads.
     """
     inliers = np.ascontiguousarray(points[~details.normals.outliers])
     middle = inliers.mean(axis=0)

@@ -31,7 +31,7 @@ def turn_along(
         Rules that have a new sign whatever it was before: points follow the nearest of them, if one
         is among the four nearest rules.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
@@ -59,7 +59,7 @@ def pieces(rules: RuleBase, n_threads: int) -> NDArray[np.int64]:
     rules : RuleBase
         Rules.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------

@@ -34,7 +34,7 @@ def certainty(rules: RuleBase, settled: bool, n_threads: int) -> NDArray[np.floa
     settled : bool
         The user has said which side is which.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
@@ -56,7 +56,7 @@ def undecided(rules: RuleBase, n_threads: int) -> NDArray[np.bool_]:
     rules : RuleBase
         Oriented rules.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
@@ -91,7 +91,7 @@ def empty_in_front(rules: RuleBase, n_threads: int) -> NDArray[np.bool_]:
     rules : RuleBase
         Oriented rules.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
@@ -113,7 +113,7 @@ def winding_before(
     steps : tuple of float
         Steps along the normals, over the spacing of the rules around each of them.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------

@@ -122,7 +122,7 @@ def found(points: Array, samples: Samples, frame: Frame, n_threads: int) -> Evid
     frame : Frame
         That cube.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------

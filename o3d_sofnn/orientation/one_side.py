@@ -76,7 +76,7 @@ def common_view(rules: RuleBase, winding: Array, origin: Array, n_threads: int) 
     origin : (3,) float64
         Origin of the user's coordinates.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------

@@ -67,7 +67,7 @@ def unify(
     empty : (r,) bool
         Whether nothing is in front of each of them.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
@@ -156,7 +156,7 @@ def settle(
     frame : Frame
         The unit cube that all of this is in.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------

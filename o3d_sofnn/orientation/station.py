@@ -133,7 +133,7 @@ def find_stations(samples: Samples, origin: Array, n_threads: int) -> Found | No
     origin : (3,) float64
         Origin of the user's coordinates, in those of the samples.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------

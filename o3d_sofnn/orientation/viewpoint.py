@@ -41,7 +41,7 @@ def seen_sides(
     places : (n, 3) float64
         Where they are.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
@@ -110,7 +110,7 @@ def find_sides(
     directions : (m, 3) float64 or None
         From each point to where it was seen from, of any length.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------

@@ -56,7 +56,7 @@ class Discs:
     reach : (p,) float64
         Radius of the disc: the distance of discs around.
     n_threads : int
-        Threads.
+        Number of threads.
     """
 
     places: Array
@@ -153,7 +153,7 @@ class Partly:
     seen : (p,) bool
         Which of them are seen.
     n_threads : int
-        Threads.
+        Number of threads.
     """
 
     station: Station
@@ -185,7 +185,7 @@ class Several:
     seen : (k, p) bool
         From where each of them is seen.
     n_threads : int
-        Threads.
+        Number of threads.
     """
 
     places: Array

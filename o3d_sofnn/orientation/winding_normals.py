@@ -58,7 +58,7 @@ def winding_number_normals(
         Smoothing width at each position until the sides have settled, and at last, in the unit of
         the points.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
@@ -171,7 +171,7 @@ def orient_points(
     spacing : float
         Edge of the square that one point covers.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
@@ -232,7 +232,7 @@ def regional_spacing(x: NDArray[np.float64], tree: KdTree, n_threads: int) -> ND
     tree : KdTree
         Over `x`.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------

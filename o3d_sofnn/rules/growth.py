@@ -70,7 +70,7 @@ def generate(
     residual : (n,) float64
         System error of each point.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
@@ -159,7 +159,7 @@ def combine(rules: RuleBase, n_threads: int) -> RuleBase:
     rules : RuleBase
         Oriented rules.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
@@ -194,7 +194,7 @@ def adjust(rules: RuleBase, points: NDArray[np.float64], n_threads: int) -> Rule
     points : (n, 3) float64
         Points on the surface.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
@@ -230,7 +230,7 @@ def grow(
     experience : Experience or None
         Off-line rules.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------

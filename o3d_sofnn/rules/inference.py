@@ -35,7 +35,7 @@ def infer_normals(
     x : (n, 3) float64
         Where the normal is wanted.
     n_threads : int
-        Threads.
+        Number of threads.
     sides : (n, 3) float64, optional
         Unit vectors out of the surface at each place, as far as they are known; (0, 0, 0) where
         they are not. A Gaussian in the angle to the normal of the rule joins the membership: on

@@ -51,7 +51,7 @@ def distance_along_surface(
     points, sides : (m, 3) float64
         Points and on which side of the surface they lie.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
@@ -86,7 +86,7 @@ def off_surface(
     samples : Samples
         The m points.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
@@ -131,7 +131,7 @@ def beside_surface(
     experience : Experience or None
         Off-line rules.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------

@@ -34,7 +34,7 @@ def revise(
     points, normals : (n, 3) float64
         Distinct points, and the normals inferred at those that :func:`read_normals` marks.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def read_normals(rules: RuleBase, points: NDArray[np.float64], n_threads: int) -
     points : (n, 3) float64
         Distinct points.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------

@@ -16,12 +16,12 @@ LEVELS = 21
 
 @dataclass(frozen=True)
 class Octree:
-    """Points in Morton order and the leaves of an octree over them.
+    """Points in Morton order, and the leaves of their octree.
 
     Attributes
     ----------
     order : (n,) int64
-        Index of the input point at each place along the Morton curve.
+        Index of the input point at each position along the Morton curve.
     points : (n, 3) float64
         The points in that order.
     offsets : (c + 1,) int64
@@ -44,14 +44,14 @@ def sort_unique(
     Parameters
     ----------
     points : (n, 3) float64
-        Points, repeated ones allowed.
+        Points; duplicates are allowed.
 
     Returns
     -------
     order : (m,) int64
         Index of the first occurrence of each distinct point, along the Morton curve.
     inverse : (n,) int64
-        Place in ``order`` of each input point.
+        Position in ``order`` of each input point.
     """
     keys, order = sort_morton(points, 1)
     shared = np.flatnonzero(keys[1:] == keys[:-1]) + 1
@@ -78,7 +78,7 @@ def build_octree(points: NDArray[np.float64], capacity: int) -> Octree:
     Returns
     -------
     Octree
-        Leaves without points are left out.
+        Only leaves that contain points.
     """
     keys, order = sort_morton(points, 1)
     extent = longest_side(points)

@@ -1,4 +1,4 @@
-"""Levels that coordinates lie on, and whether they are there because somebody sampled on a grid."""
+"""Levels that coordinates lie on, and whether they come from sampling on a grid."""
 
 from __future__ import annotations
 
@@ -6,27 +6,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 CROWDED = 2.5
-"""Points for each level, at least: neighbourhoods of random coordinates have one."""
+"""Smallest number of points per level: neighbourhoods of random coordinates have one."""
 
 
 CLEAR = 0.01
-"""Width of a level over the step, at most, the mean of all: rounding leaves none, arithmetic in
-single precision after it a hundredth of a step where that is a ten-thousandth of the offset."""
+"""Largest mean width of the levels, divided by the step. Rounding alone leaves no width; later
+arithmetic in single precision leaves 0.01 if the step is a ten-thousandth of the offset."""
 
 
 BLUR = 1e-4
-"""Gap up to which coordinates are on one level, over the range of 300 points on a surface: that is
-some 20 spacings, and steps that matter are longer than a fifth of one."""
+"""Largest gap within one level, divided by the range of 300 points on a surface: that range is
+about 20 times the spacing, and steps that matter are longer than a fifth of the spacing."""
 
 
 REGULAR = (0.6, 1.4, 0.7)
-"""Gaps over their median that count as one step, and the share of such gaps: 0.9 on a sparse grid,
-0.8 for steps of disparity in whole millimetres, 0.3 for random levels."""
+"""Smallest and largest gap, divided by the median gap, that count as one step, and the smallest
+share of such gaps. The share is 0.9 on a sparse grid, 0.8 for disparity steps in whole
+millimetres, and 0.3 for random levels."""
 
 
 COMPLETE = (0.05, 0.85)
-"""Share of points that have their column of a grid to themselves, all but, and of neighbouring
-columns that are taken: a surface that was sampled on a grid has one point in each."""
+"""Largest share of points that share their column of a grid with another point, and smallest share
+of neighbouring columns that are occupied: a surface sampled on a grid has one point in each."""
 
 
 def find_levels(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -35,12 +36,12 @@ def find_levels(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArr
     Parameters
     ----------
     values : (p, k) float64
-        A coordinate of the points of p neighbourhoods.
+        One coordinate of the points in p neighbourhoods.
 
     Returns
     -------
     step : (p,) float64
-        Median gap between levels; 0 where coordinates are on no levels or on irregular ones.
+        Median gap between levels; 0 where coordinates do not lie on regular levels.
     count : (p,) int64
         Number of levels.
     """
@@ -59,12 +60,12 @@ def find_levels(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArr
 
 
 def sampling_pattern(one: NDArray[np.float64], two: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell complete grids of single points, a pattern of sampling, from rounded coordinates.
+    """Distinguish complete grids of single points (a sampling pattern) from rounded coordinates.
 
     Parameters
     ----------
     one, two : (p, k) float64
-        Two coordinates of the points of p neighbourhoods, nearest first, over their steps.
+        Two coordinates of the points in p neighbourhoods, nearest first, divided by their steps.
 
     Returns
     -------

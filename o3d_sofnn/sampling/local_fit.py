@@ -1,4 +1,4 @@
-"""Local fits: one weighted quadric around each place (Algorithm 1, steps 3 and 5)."""
+"""Local fits: one weighted quadric around each centre (Algorithm 1, steps 3 and 5)."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 RADIUS = 1.1
-"""Radius of a fit over the distance of its last neighbour (as in the native kernel)."""
+"""Radius of a fit, divided by the distance of its last neighbour (as in the native kernel)."""
 
 
 ROBUST = 2.0
 """Width of the residual weight in the second fit, divided by the noise level."""
 
 NEAREST = 6
-"""Points that give a typical datum its side."""
+"""Number of nearest points that decide the side of a typical datum."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,8 @@ class Quadrics:
     """Quadrics fitted to elliptical neighbourhoods.
 
     In the frame of fit ``j``, with lengths divided by its radius, the surface is
-    ``h = c0 + c1 u + c2 v + c3 u^2 + c4 u v + c5 v^2``, and the neighbourhood is bounded by
-    ``s u^2 + v^2 / s = 1`` with its stretch ``s``.
+    ``h = c0 + c1 u + c2 v + c3 u^2 + c4 u v + c5 v^2``, and the neighbourhood with the stretch
+    ``s`` is bounded by ``s u^2 + v^2 / s = 1``.
 
     Attributes
     ----------
@@ -41,17 +41,17 @@ class Quadrics:
     frames : (r, 3, 3) float64
         Rows: two tangents and the normal of the fitted plane.
     coefficients : (r, 6) float64
-        Of the quadric, dimensionless.
+        Coefficients of the quadrics, dimensionless.
     radius : (r,) float64
         Radius of the fitted neighbourhood.
     stretch : (r,) float64
-        How many times longer than wide the neighbourhood is.
+        Length of the neighbourhood divided by its width.
     residual : (r,) float64
         Root-mean-square residual of the fit.
     support : (r,) float64
         Share of the neighbourhood that faces the side of the fit, 0 to 1.
     n_neighbors : (r,) int64
-        Points that the fit saw.
+        Number of points in the fit.
     """
 
     centers: NDArray[np.float64]
@@ -69,7 +69,7 @@ class Quadrics:
 
     @property
     def feet(self) -> NDArray[np.float64]:
-        """Centres moved onto their quadrics, (r, 3)."""
+        """Centres, moved onto their quadrics, (r, 3)."""
         height = self.radius * self.coefficients[:, 0]
         return self.centers + height[:, None] * self.frames[:, 2]
 
@@ -89,7 +89,7 @@ class Quadrics:
         return np.stack([mean - spread, mean + spread], axis=1)
 
     def facing(self, side: NDArray[np.float64]) -> Self:
-        """Turn every quadric whose normal has a negative product with its row of `side`."""
+        """Flip every quadric whose normal has a negative dot product with its row of `side`."""
         sign = np.where(np.einsum("rd,rd->r", self.normals, side) < 0, -1.0, 1.0)
         frames = self.frames * np.stack([np.ones_like(sign), sign, sign], axis=1)[:, :, None]
         flip = np.array([-1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
@@ -97,7 +97,7 @@ class Quadrics:
         return replace(self, frames=frames, coefficients=coefficients)
 
     def raised(self, height: NDArray[np.float64]) -> Self:
-        """Move each consequent along the normal of its frame, (r,) heights."""
+        """Move each consequent along the normal of its frame by (r,) heights."""
         coefficients = self.coefficients.copy()
         coefficients[:, 0] += height / self.radius
         return replace(self, coefficients=coefficients)
@@ -105,22 +105,22 @@ class Quadrics:
 
 @dataclass(frozen=True)
 class Neighborhoods:
-    """Where fits are wanted, and which points each of them shall see.
+    """Where to fit, and to which points.
 
     Attributes
     ----------
     centers : (r, 3) float64
-        Where the fits are made.
+        Centres of the fits.
     sides : (r, 3) float64
         Unit normals that the fits face.
     n_neighbors : (r,) int64
-        Points in each fit.
+        Number of points in each fit.
     noise : (r,) float64
         Noise level at each centre.
     across : (r, 3) float64, optional
-        Tangents along which the neighbourhoods are narrow. Any where they are round.
+        Tangents along which the neighbourhoods are narrow; arbitrary where they are round.
     stretch : (r,) float64, optional
-        How many times longer than wide they are, at the same area. Round when not given.
+        Length divided by width, at the same area. The neighbourhoods are round if not given.
     """
 
     centers: NDArray[np.float64]
@@ -143,20 +143,20 @@ def fit_quadrics(
     Parameters
     ----------
     tree : KdTree
-        Over `points`.
+        Tree of `points`.
     points, normals : (n, 3) float64
-        Distinct points and their oriented normals. A point enters a fit by the square of the cosine
-        between its normal and the side of the fit, and not at all when it faces the other way: the
+        Distinct points and their oriented normals. A point is weighted by the squared cosine
+        between its normal and the side of the fit, and left out if it faces the other way: the
         two sides of a thin sheet and the two faces of an edge are kept apart.
     where : Neighborhoods
-        The r fits that are wanted.
+        The r fits to make.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
     Quadrics
-        Facing the sides that are wanted.
+        Fits that face the given sides.
     """
     stretch = np.ones(len(where.centers)) if where.stretch is None else where.stretch
     frames, coefficients, residual, radius, support = native_fit_quadrics(
@@ -192,18 +192,18 @@ def sides_around(
     tree: KdTree,
     n_threads: int,
 ) -> NDArray[np.float64]:
-    """Mean normal of the nearest points that face the same way, or of all where none does.
+    """Average the normals of the nearest points that face the same way, or of all if none does.
 
     Parameters
     ----------
     x, facing : (m, 3) float64
-        Places and which way they face.
+        Queries, and the directions that they face.
     normals : (n, 3) float64
         Unit normals of the points.
     tree : KdTree
-        Over the points.
+        Tree of the points.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
@@ -219,5 +219,5 @@ def sides_around(
 
 
 def spacing_of(radius: NDArray[np.float64], n_neighbors: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Edge of the square that one point covers in fits of a radius, (p,), to so many points."""
+    """Return the edge of the square that one point covers, from radius and size of (p,) fits."""
     return np.asarray(radius / RADIUS * np.sqrt(np.pi / n_neighbors))

@@ -1,7 +1,7 @@
-"""The unit of a cloud: its box becomes the unit cube; no point far away or dense spot decides it.
+"""The unit of a cloud: its box becomes the unit cube, regardless of far points and dense spots.
 
-All that follows is computed in that unit, some of it in single precision: a point far from all
-others would leave no digits for them, and closer together than rounding points have no surface.
+All later stages compute in that unit, partly in single precision: a point far from all others
+would leave no digits for them, and points closer together than rounding errors have no surface.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ from o3d_sofnn.sampling.cells import sort_unique
 from o3d_sofnn.validation import MIN_POINTS, check_magnitude, finite_rows
 
 FAR = 1000.0
-"""Size of the box of all points, over that without the outermost ones, from which on those are left
-out. Single precision sums keep four digits of what is so many times smaller; real scenes with far
-and near parts stay below 100."""
+"""Size of the box of all points, divided by its size without the outermost points, above which
+these are left out. At this ratio single precision still keeps four digits of the smaller part; real
+scenes with far and near parts stay below 100."""
 
 
 OUTERMOST = 0.05
-"""Share of the points that may be left out on each side along each axis, one at least, and twice
-that in all: more are a part of the scene, however far away."""
+"""Largest share of the points to leave out on each side of each axis (at least one point may be
+left out), and half of the largest share in all: if there are more, they belong to the scene."""
 
 
 RESOLUTION = 2.0**-25
-"""Distance over the size of the box below which points count as one: the winding number is summed
-in single precision. Beside a sphere of 400 points, 200 in a spot of 1e-12 to 1e-8 of its size then
-leave its normals as they are."""
+"""Distance, divided by the size of the box, below which points count as one, since the winding
+number is summed in single precision. The normals of a sphere of 400 points then do not change if
+200 more points lie in a spot of 1e-12 to 1e-8 of its size."""
 
 
 UNRESOLVED = 4.0, 0.5
-"""Distance over that one, and share of the remaining points with a neighbour as near, from which on
-it is not spots that are lost but parts with a shape."""
+"""Multiple of that distance, and share of the remaining points with a neighbour within it, above
+which merging would destroy parts that have a shape, not just spots."""
 
 
 Array = NDArray[np.float64]
@@ -48,17 +48,17 @@ class Cloud:
     Attributes
     ----------
     points : (d, 3) float64
-        In Morton order; those that are left out at the end, beyond the unit cube.
+        Distinct points in Morton order; those left out come last, outside the unit cube.
     near : (d,) bool
-        False for those.
+        False for points that are left out.
     first : (d,) int64
-        Row of the cloud that each of them is.
+        Row of the cloud of each distinct point.
     inverse : (n,) int64
-        Which of them each row of the cloud is.
+        Index of the distinct point of each row of the cloud.
     middle, extent : (3,) float64 and float
         The cloud is ``extent * points + middle``.
     warnings : tuple of str
-        What was left out, and what counts as one.
+        What was left out or merged.
     """
 
     points: Array
@@ -71,7 +71,7 @@ class Cloud:
 
     @property
     def frame(self) -> Frame:
-        """The same as a value of its own."""
+        """The transformation from the unit cube to the cloud's coordinates."""
         return Frame(self.middle, self.extent)
 
 
@@ -81,9 +81,9 @@ def unit_cube(points: Array, enclosing: bool = False) -> Cloud:
     Parameters
     ----------
     points : (n, 3) float64
-        In any unit.
+        Points in any unit.
     enclosing : bool, default False
-        Whether the surface shall enclose something.
+        Whether the surface must enclose a volume.
 
     Returns
     -------
@@ -92,8 +92,8 @@ def unit_cube(points: Array, enclosing: bool = False) -> Cloud:
     Raises
     ------
     ValueError
-        There are fewer than four distinct points; they are not finite, on one line, or, where they
-        shall enclose something, in one plane; double precision does not hold their powers.
+        There are fewer than four distinct points; they are not finite, or on one line, or (if they
+        must enclose a volume) in one plane; double precision cannot represent their powers.
     """
     if len(points) < MIN_POINTS:
         raise ValueError(f"points: at least {MIN_POINTS} rows expected, got {len(points)}")
@@ -111,10 +111,10 @@ def unit_cube(points: Array, enclosing: bool = False) -> Cloud:
 def _in_box(
     points: Array, first: NDArray[np.int64], inverse: NDArray[np.int64], box: tuple[Array, Array]
 ) -> Cloud:
-    """Scale a cloud of which nothing is left out; points closer together than rounding become one.
+    """Scale a cloud without leaving out points; points closer than the resolution are merged.
 
-    Two of those are neighbours along the Morton curve, unless a wall of its cells parts them. Then
-    all points are rounded to a lattice of that resolution.
+    Two such points are neighbours along the Morton curve unless a cell boundary separates them. If
+    there are any, all points are rounded to a lattice of that resolution.
     """
     low, high = box
     extent = float((high - low).max())
@@ -144,7 +144,7 @@ def _gaps(points: Array) -> Array:
 
 
 def _parted(points: Array, far: NDArray[np.bool_]) -> Cloud:
-    """Scale a cloud of which some points, (n,) bool, are left out."""
+    """Scale a cloud, leaving out the points in a mask, (n,) bool."""
     rows, left = np.flatnonzero(~far), np.flatnonzero(far)
     near = points[rows]
     cloud = _in_box(near, *sort_unique(near), bounds(near))
@@ -169,7 +169,7 @@ def _parted(points: Array, far: NDArray[np.bool_]) -> Cloud:
 
 
 def _far_points(points: Array, box: tuple[Array, Array]) -> NDArray[np.bool_] | None:
-    """Mark the distinct points that are far from all others, (d,); None where there are none."""
+    """Mark the distinct points that are far from all others, (d,); None if there are none."""
     most = max(1, int(OUTERMOST * len(points)))
     extent = box[1] - box[0]
     axis = int(extent.argmax())
@@ -185,14 +185,14 @@ def _far_points(points: Array, box: tuple[Array, Array]) -> NDArray[np.bool_] | 
     far = (np.abs(points - 0.5 * (low + high)) > 0.5 * FAR * size).any(axis=1)
     rest = points[~far]
     if far.sum() > 2 * most or len(rest) < MIN_POINTS or affine_rank(rest) < 2:
-        return None  # what lies around a dense spot, and is the scene
+        return None  # the points around a dense spot are the scene
     return np.asarray(far)
 
 
 def _checked(points: Array, cloud: Cloud, enclosing: bool) -> Cloud:
     """Raise unless a surface goes through the points that are left."""
     distinct = int(cloud.near.sum())
-    # Repeated points have always weighed in the rank of clouds of which nothing is left out.
+    # If nothing is left out, the rank is that of all points, including duplicates.
     rank = affine_rank(points[cloud.first[cloud.near]] if cloud.warnings else points)
     if rank < 2:
         seen = "; ".join(

@@ -11,45 +11,46 @@ from o3d_sofnn._kernels import KdTree, fit_scales
 from o3d_sofnn.sampling.scales.choice import Limits, Scale, choose_scale
 
 COMPANY = 8
-"""Neighbours looked at."""
+"""Number of neighbours that are examined."""
 
 
 ALONE = (2.2, 2.5)
-"""Mean distance to the neighbours from which on a point is alone, over the usual one of the region
-and over that of the neighbours themselves."""
+"""A point is isolated if its mean distance to its neighbours exceeds these factors times the
+typical distance in the region and times the neighbours' own mean distance."""
 
 
 SPARSE = 2.0
-"""Distance of neighbours, over that of the whole cloud, from which on pilots may be outliers. From
-one place the spacing grows with the distance: where that is known, both are divided by it."""
+"""Spacing, divided by the spacing of the whole cloud, above which pilots may be outliers. Seen from
+one place, the spacing grows with the distance; if the distances are known, both are divided by
+them."""
 
 
 FLAT = 0.05
-"""Surface variation of neighbourhoods that lie on a surface."""
+"""Largest surface variation of neighbourhoods that lie on a surface."""
 
 
 MANY = 0.01
-"""Share of outliers above which the rest is looked at again: where some are far from the surface
-others are near it. Without that, 10 % of outliers cost a clean mesh 1.3 times the Chamfer distance
-(four shapes; 1.0 times at 0.5 % noise)."""
+"""Share of outliers above which the remaining points are examined again: if many are far from the
+surface, others are near it. Without that, 10 % of outliers cost a clean mesh 1.3 times the Chamfer
+distance (four shapes; 1.0 times at 0.5 % noise)."""
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Points that lie on the surface, or about it.
+    """Points that lie on the surface or scatter around it.
 
     Attributes
     ----------
     points : (m, 3) float64
         Distinct points without the outliers, in Morton order.
     tree : KdTree
-        Over them.
+        Tree of these points.
     scale : Scale
-        Of them.
+        Scale of these points.
     kept : (n,) bool
-        Which of the distinct points of the cloud they are.
+        Mask of these points among the distinct points of the cloud.
     sight : (m, 3) float64, optional
-        Vectors of any length from them to where they were seen from, zero where unknown.
+        Vectors of any length from the points to where they were seen from, zero where unknown.
     """
 
     points: NDArray[np.float64]
@@ -59,7 +60,7 @@ class Samples:
     sight: NDArray[np.float64] | None = None
 
     def parted(self, off: NDArray[np.bool_], n_threads: int) -> Samples:
-        """Leave out some of the points, (m,) bool; the scale stays."""
+        """Leave out the points in a mask, (m,) bool; keep the scale."""
         kept = self.kept.copy()
         kept[kept] = ~off
         points = np.ascontiguousarray(self.points[~off])
@@ -67,11 +68,11 @@ class Samples:
         return Samples(points, KdTree(points, n_threads), self.scale, kept, sight)
 
     def without(self, off: NDArray[np.bool_], limits: Limits, n_threads: int) -> Samples:
-        """Leave out some of the points, (m,) bool, and find the scale of the others."""
+        """Leave out the points in a mask, (m,) bool, and find the scale of the others."""
         return self.parted(off, n_threads)._scaled(limits, n_threads)
 
     def seen(self, sight: NDArray[np.float64] | None, limits: Limits, n_threads: int) -> Samples:
-        """Find the scale anew, knowing in which directions, (m, 3), the sensor stood, if any is."""
+        """Find the scale again, using the directions to the sensor, (m, 3), if they are known."""
         return replace(self, sight=sight)._scaled(limits, n_threads)
 
     def _scaled(self, limits: Limits, n_threads: int) -> Samples:
@@ -87,10 +88,10 @@ def part_outliers(
     *,
     distance: NDArray[np.float64] | None = None,
 ) -> Samples:
-    """Part the points from their outliers, and find the scale of what remains.
+    """Separate the points from their outliers, and find the scale of the inliers.
 
-    Many outliers make each other's company, and the spacing of the surface hard to see: then the
-    same is asked once more of what remains.
+    Many outliers have each other as neighbours and hide the spacing of the surface. In that case
+    the search is repeated with the remaining points.
 
     Parameters
     ----------
@@ -99,9 +100,9 @@ def part_outliers(
     limits, n_threads
         As in :func:`o3d_sofnn.sampling.scales.choice.choose_scale`.
     near : (n,) bool, optional
-        False for points that are known as outliers.
+        False for points that are known to be outliers.
     distance : (n,) float64, optional
-        From where each point was seen.
+        Distance of each point from where it was seen.
 
     Returns
     -------
@@ -129,25 +130,25 @@ def find_outliers(
     *,
     distance: NDArray[np.float64] | None = None,
 ) -> NDArray[np.bool_]:
-    """Mark points that lie alone (Algorithm 1, step 5).
+    """Mark isolated points (Algorithm 1, step 5).
 
-    The paper counts points in the cells around. With uneven density the same question is asked of
-    the mean distance to the nearest points: against theirs (Breunig et al. 2000, local outlier
-    factor), and against the spacing of the region, for outliers that have each other as neighbours;
-    sparse parts of a surface are told from those by being flat.
+    The paper counts the points in the surrounding cells. For uneven density, we compare the mean
+    distance to the nearest neighbours with their own (Breunig et al. 2000, local outlier factor),
+    and with the spacing of the region, since outliers may have each other as neighbours. Sparse
+    parts of a surface differ from such outliers by being flat.
 
     Parameters
     ----------
     points : (n, 3) float64
         Distinct points.
     tree : KdTree
-        Over `points`.
+        Tree of `points`.
     scale : Scale
-        Of the same points.
+        Scale of the same points.
     n_threads : int
-        Threads.
+        Number of threads.
     distance : (n,) float64, optional
-        From where each point was seen.
+        Distance of each point from where it was seen.
 
     Returns
     -------
@@ -158,7 +159,7 @@ def find_outliers(
     if k < 5:
         return np.zeros(len(points), bool)
     usual = _usual_distance(points, tree, scale, k, distance, n_threads)
-    # All neighbours within the limit: so is their mean. Only the few others are looked at closely.
+    # If all neighbours are within the limit, so is their mean. Only the few others are examined.
     crowded = tree.crowded(points, k, ALONE[0] * usual, n_threads)
     doubtful = np.flatnonzero(crowded == 0)
     reach, index = _mean_distance(points[doubtful], tree, k, n_threads)
@@ -182,10 +183,10 @@ def _usual_distance(
     distance: NDArray[np.float64] | None,
     n_threads: int,
 ) -> NDArray[np.float64]:
-    """Distance of neighbours on the surface around each point, (n,).
+    """Return the typical distance between neighbours on the surface around each point, (n,).
 
-    Where outliers are many, pilots are among them; those that stand neither close nor on a surface
-    have no say, or outliers would be compared with outliers.
+    If there are many outliers, some pilots are outliers. Pilots that are neither close to others
+    nor on a surface are ignored, so that outliers are not compared with outliers.
     """
     usual = scale.spacing + scale.noise
     expected = np.ones(len(usual))
@@ -207,6 +208,6 @@ def _usual_distance(
 def _mean_distance(
     x: NDArray[np.float64], tree: KdTree, k: int, n_threads: int
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Mean distance of points of the tree to their neighbours, and these without the point."""
+    """Return the mean distance of tree points to their neighbours, and the neighbours' indices."""
     distance, index = tree.query(x, k, np.inf, n_threads)
     return np.asarray(distance[:, 1:].mean(axis=1)), np.asarray(index[:, 1:])

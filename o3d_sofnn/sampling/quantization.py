@@ -1,8 +1,8 @@
-"""Stage 1: coordinates that were rounded, and what that adds to the noise.
+"""Stage 1: rounded coordinates, and what rounding adds to the noise.
 
-Rounded coordinates (LAS steps, text with few digits, voxel filters, steps of disparity) have an
-error that is even within a known width. Fits to points on one level take it for the surface, and
-their noise is 0; where a step is longer than the spacing the surface falls apart into layers.
+Rounded coordinates (LAS steps, text with few digits, voxel filters, disparity steps) have an error
+that is uniform within a known width. Fits to points on one level mistake the level for the surface
+and find no noise; if the step is longer than the spacing, the surface falls apart into layers.
 """
 
 from __future__ import annotations
@@ -20,33 +20,35 @@ from o3d_sofnn.sampling.rounding import COARSE, evidence, fit_across
 from o3d_sofnn.sampling.scales.choice import PILOTS, REGION
 
 AROUND, FEWEST = 300, 100
-"""Points around a pilot whose coordinates are looked at, and of the smallest cloud looked at."""
+"""Number of points around a pilot that are examined, and size of the smallest cloud examined."""
 
 
 FINE = 0.2
-"""Steps below this, over the spacing, are left alone: they add less than 0.06 spacings of noise."""
+"""Steps below this, divided by the spacing, are ignored: their noise is below 0.06 spacings."""
 
 
 APART = 40
-"""Points for each pilot, at least, so that regions are many points wide."""
+"""Smallest number of points per pilot, so that regions are many points wide."""
 
 
 VOTES = (4, 1.5)
-"""Pilots of a region that must speak for rounding, and over those that speak against it."""
+"""Smallest number of pilots of a region with evidence for rounding, and its smallest ratio to the
+number with evidence against it."""
 
 
 SOLID = 0.25
-"""Share of the pilots with steps along an axis whose regions must agree before others follow, if
-not all pilots together speak for rounding as those of a region must."""
+"""Share of the pilots with steps along an axis whose regions must agree before the step is extended
+to others, unless the evidence of all pilots together is as clear as in a region."""
 
 
 GROWING = 0.2
-"""Scatter of steps over squared distances, in logarithms, below which they grow with these."""
+"""Scatter of the logarithm of steps divided by squared distances, below which steps are considered
+to grow with the squared distance."""
 
 
 RECURRENCE = 1.2207440846057596 ** -np.arange(1.0, 4.0)
-"""Additive recurrence of the offsets within a cell: even in one, two and three dimensions (Roberts
-2018, The unreasonable effectiveness of quasirandom sequences)."""
+"""Additive recurrence of the offsets within a cell: uniform in one, two and three dimensions
+(Roberts 2018, The unreasonable effectiveness of quasirandom sequences)."""
 
 
 @dataclass(frozen=True)
@@ -56,13 +58,13 @@ class Steps:
     Attributes
     ----------
     tree : KdTree or None
-        Over the pilots; None where no coordinate was rounded.
+        Tree of the pilots; None if no coordinate was rounded.
     width : (p, 3) float64
         Step along each axis, 0 for none, in the unit of the points.
     coarse : (p, 3) bool
         Axes along which points are spread within their cells.
     normals : (p, 3) float64
-        Of the surface there.
+        Surface normals at the pilots.
     """
 
     tree: KdTree | None
@@ -73,7 +75,7 @@ class Steps:
     def spread(self, points: NDArray[np.float64], n_threads: int) -> NDArray[np.float64]:
         """Spread points (n, 3), in Morton order, evenly within the cells they were rounded to.
 
-        None moves by more than half a step along an axis.
+        No point moves by more than half a step along an axis.
         """
         if self.tree is None or not self.coarse.any():
             return points
@@ -83,7 +85,7 @@ class Steps:
         return np.ascontiguousarray(points + share * width)
 
     def floored(self, samples: Samples, n_threads: int) -> Samples:
-        """Raise the noise in the scale of samples to that of the rounding."""
+        """Raise the noise in the scale of samples to at least the noise of the rounding."""
         if self.tree is None:
             return samples
         scale = samples.scale
@@ -93,7 +95,7 @@ class Steps:
     def given(
         self, noise: NDArray[np.float64], points: NDArray[np.float64], n_threads: int
     ) -> NDArray[np.float64]:
-        """Noise (n,) of the points as they were given, from what it is after :meth:`spread`."""
+        """Return the noise (n,) of the given points, from the noise after :meth:`spread`."""
         if self.tree is None:
             return noise
         at = _nearest(self.tree, points, n_threads)
@@ -102,12 +104,12 @@ class Steps:
         return np.asarray(np.maximum(before, self._deviation(self.width)[at]))
 
     def _deviation(self, width: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the deviation (p,) along the normals of errors that are even within widths."""
+        """Return the deviation (p,) along the normals of errors that are uniform within widths."""
         return np.asarray(np.sqrt((self.normals**2 * width**2).sum(axis=1) / 12.0))
 
 
 def spread_rounded(cloud: Cloud, n_threads: int) -> tuple[Cloud, Steps]:
-    """Find to which steps a cloud was rounded, and spread its points where they are long."""
+    """Find the steps to which a cloud was rounded, and spread its points where steps are long."""
     points = cloud.points if cloud.near.all() else np.ascontiguousarray(cloud.points[cloud.near])
     steps = find_steps(points, -cloud.middle / cloud.extent, n_threads)
     if not steps.coarse.any():
@@ -126,25 +128,25 @@ def spread_rounded(cloud: Cloud, n_threads: int) -> tuple[Cloud, Steps]:
 
 
 def find_steps(points: NDArray[np.float64], origin: NDArray[np.float64], n_threads: int) -> Steps:
-    """Find where coordinates have been rounded, and to which steps.
+    """Find where coordinates were rounded, and to which steps.
 
-    Coordinates that lie on a few regular levels were rounded to them, or the surface was sampled
-    there: on a grid, in slices, in rings. Regions in which more neighbourhoods speak for the first
-    (:func:`rounding.evidence`) have a step; others are as they would be without.
+    Coordinates that lie on a few regular levels were either rounded to them, or the surface was
+    sampled there: on a grid, in slices, in rings. A region has a step if more of its neighbourhoods
+    show evidence for rounding (:func:`rounding.evidence`); other regions have none.
 
     Parameters
     ----------
     points : (n, 3) float64
         Distinct points in Morton order.
     origin : (3,) float64
-        Where a depth camera would be that has an axis of the points as its own.
+        Position of a depth camera if its coordinates are those of the points.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
     Steps
-        Without a tree where no coordinate was rounded to a step of `FINE` spacings or more.
+        Without a tree if no coordinate was rounded to a step of at least `FINE` times the spacing.
     """
     n, k = len(points), min(AROUND, len(points))
     none = Steps(None, np.zeros((0, 3)), np.zeros((0, 3), bool), np.zeros((0, 3)))
@@ -180,9 +182,9 @@ def find_steps(points: NDArray[np.float64], origin: NDArray[np.float64], n_threa
 
 
 def _steps(around: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Find steps (p, 3) of the coordinates of neighbourhoods (p, k, 3), 0 where they have none.
+    """Find the steps (p, 3) of coordinates in neighbourhoods (p, k, 3), 0 where there are none.
 
-    A single gap is a step where another axis has the same.
+    A single gap counts as a step if another axis has the same step.
     """
     found = [find_levels(around[:, :, axis]) for axis in range(3)]
     step = np.stack([one for one, _ in found], axis=1)
@@ -197,7 +199,7 @@ def _agreed(
     sampled: NDArray[np.bool_],
     region: NDArray[np.int64],
 ) -> NDArray[np.float64]:
-    """Choose steps (p, 3) of regions in which pilots speak for rounding and not against it."""
+    """Choose the steps (p, 3) of regions in which the evidence for rounding prevails."""
     votes = rounded[region].sum(axis=1)
     won = (votes >= VOTES[0]) & (votes >= VOTES[1] * sampled[region].sum(axis=1))
     won &= won[region].mean(axis=1) >= 0.5
@@ -212,11 +214,11 @@ def _continued(
     level: NDArray[np.bool_],
     distance: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Give agreed steps (p,) of an axis to other places of the file: it writes its numbers one way.
+    """Extend the agreed steps (p,) of an axis to other pilots: a file has one number format.
 
-    They are those whose points are all on one `level`, where steps do not show, and those with the
-    same steps, where nothing tells what they are. Where steps grow with the square of the distance
-    from the camera, as those of disparity do, "the same" means that.
+    These are pilots whose points all lie on one `level`, where steps cannot be seen, and pilots
+    with the same steps but no evidence. If steps grow with the squared distance from the camera, as
+    disparity steps do, "the same" means the same growth.
     """
     known = (width > 0.0) & (step > 0.0)
     even, square = step[known], step[known] / np.maximum(distance[known], 1e-12) ** 2
@@ -227,12 +229,12 @@ def _continued(
 
 
 def _alike(step: NDArray[np.float64], usual: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell steps that may be the usual ones; 0 is not."""
+    """Mark steps that may equal the typical ones; 0 never does."""
     return (step >= REGULAR[0] * usual) & (step <= REGULAR[1] * usual) & (step > 0.0)
 
 
 def _scatter(values: NDArray[np.float64]) -> float:
-    """Half of the range that the middle half of the logarithms of positive values has."""
+    """Return half of the interquartile range of the logarithms of positive values."""
     low, high = np.quantile(np.log(values), [0.25, 0.75])
     return float(0.5 * (high - low))
 

@@ -1,4 +1,4 @@
-"""What tells coordinates that were rounded from points that were sampled on a grid."""
+"""Evidence that distinguishes rounded coordinates from points that were sampled on a grid."""
 
 from __future__ import annotations
 
@@ -12,62 +12,69 @@ from o3d_sofnn.geometry.vectors import unit
 from o3d_sofnn.sampling.levels import BLUR, sampling_pattern
 
 REACH, SMALLEST = 2.5, 27
-"""Radius of the fits over the step, and their fewest points: they see five levels."""
+"""Radius of the fits divided by the step, and their smallest number of points: they contain five
+levels."""
 
 
 ROUNDED = (0.5, 2.5)
-"""Residual of a fit over that of rounding: less is a clean surface, more is shape. Measured: 0.7 to
-1.9 on rounded shapes, 0 to 0.3 on slices and rings."""
+"""Range of the residual of a fit, divided by the residual of rounding: less is a clean surface,
+more is shape. Measured: 0.7 to 1.9 on rounded shapes, 0 to 0.3 on slices and rings."""
 
 
 VOLUME = 0.25
-"""Surface variation of neighbourhoods that are no surface: 0.33 in a ball full of points, at most
-0.22 in 9 of 10 that see five levels of rounded shapes."""
+"""Smallest surface variation of neighbourhoods that are not on a surface: it is 0.33 in a ball full
+of points, and at most 0.22 in 9 of 10 neighbourhoods with five levels of rounded shapes."""
 
 
 OBLIQUE = (0.3, 0.55)
-"""Components of the normal along an axis from which on its steps would show in the residual, and
-from which on what shows may speak for them: there noise across the axis shows less."""
+"""Component of the normal along an axis above which the steps of that axis would show in the
+residual, and above which a residual counts as evidence for them: there, noise in other directions
+contributes less."""
 
 
 SMOOTH = 0.25
-"""Largest curvature times the step of the fits that say so: along the edges of a cube sampled on a
-grid points lie beside the fits as rounded ones would, but these are bent more (0.5)."""
+"""Largest product of curvature and step of fits that count as such evidence: along the edges of a
+cube sampled on a grid, residuals are as large as those of rounding, but the fits are more curved
+(0.5)."""
 
 
 COARSE = 1.7
-"""Step over spacing from which on fits that see five levels are too wide to tell it from shape, and
-points are spread within it. Below, a noise floor alone is more accurate (by 5 to 15 % at 1.5); from
-3 on the surface is lost without (fertility, horse and fandisk rounded along one axis)."""
+"""Step divided by spacing above which fits with five levels are too wide to distinguish steps from
+shape, and points are spread within the step. Below, a noise floor alone is more accurate (by 5 to
+15 % at 1.5); above 3, the surface is lost without spreading (fertility, horse and fandisk rounded
+along one axis)."""
 
 
 GENTLE, BESIDE, ENOUGH = 0.7, 1.5, 6
-"""Component of the normal along an axis from which on the points of a level tell: those so near,
-over the largest step, if there are so many. Bands are as wide as the step or wider."""
+"""Smallest component of the normal along an axis for which the points of one level are evidence;
+their largest distance, divided by the largest step; and their smallest number. Bands are at least
+as wide as the step."""
 
 
 CROSSED = 0.9
-"""Distance along an axis over its step from which on a neighbourhood has reached another level."""
+"""Distance along an axis, divided by its step, above which a neighbourhood contains another
+level."""
 
 
 PATTERN = 50
-"""Nearest points in which a sampling pattern is looked for."""
+"""Number of nearest points in which a sampling pattern is searched for."""
 
 
 @dataclass(frozen=True)
 class Fits:
-    """Quadrics around places, wide enough to see several levels.
+    """Quadrics around pilots, wide enough to contain several levels.
 
     Attributes
     ----------
     normals : (p, 3) float64
-        Unit, of either sign.
+        Unit normals of either sign.
     residual : (p,) float64
-        Root mean square.
+        Root-mean-square residuals.
     curvature : (p,) float64
-        The largest, not negative.
+        Largest absolute curvatures.
     variation : (p,) float64
-        Smallest eigenvalue of the covariance of the points over the sum of the three.
+        Surface variation: smallest eigenvalue of the covariance of the points, divided by the
+        trace.
     crossed : (p, 3) bool
         Axes along which the points of a fit are on more than one level.
     """
@@ -87,20 +94,20 @@ def fit_across(
     around: NDArray[np.float64],
     n_threads: int,
 ) -> Fits:
-    """Fit quadrics that see five levels, or all that their neighbourhoods have.
+    """Fit quadrics that contain five levels, or all levels of their neighbourhoods.
 
     Parameters
     ----------
     points : (n, 3) float64
         Points.
     tree : KdTree
-        Over `points`.
+        Tree of `points`.
     step : (p, 3) float64
         Steps of the levels, 0 for none.
     distance, around : (p, k) and (p, k, 3) float64
-        Distances and coordinates of the points around each place, nearest first: itself.
+        Distances and coordinates of the points around each pilot, nearest first (the pilot itself).
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
@@ -134,9 +141,9 @@ def evidence(
     around: NDArray[np.float64],
     fits: Fits,
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Axes along which neighbourhoods say that they were rounded, and that they were not.
+    """Mark axes along which neighbourhoods show that they were rounded, or that they were not.
 
-    Many say neither: where a surface runs along one level, or is bent more than a fit can follow.
+    Many show neither: the surface runs along one level, or a fit cannot follow its curvature.
 
     Parameters
     ----------
@@ -145,7 +152,7 @@ def evidence(
     around : (p, k, 3) float64
         Points of the neighbourhoods, nearest first.
     fits : Fits
-        Of :func:`fit_across`.
+        The result of :func:`fit_across`.
 
     Returns
     -------
@@ -162,10 +169,10 @@ def evidence(
 def _by_residual(
     step: NDArray[np.float64], fits: Fits
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Axes (p, 3) that residuals speak for, and those against which they do.
+    """Mark axes (p, 3) for which residuals are evidence of rounding, and of its absence.
 
-    Rounded points lie beside the surface, evenly up to half a step along each axis. Those of slices
-    or rings lie on it, or as far beside it where the normal is across the axis.
+    Rounded points deviate from the surface uniformly by up to half a step along each axis. Points
+    of slices or rings lie on it, or deviate as much where the normal is perpendicular to the axis.
     """
     deviation = step / np.sqrt(12.0)
     expected = np.sqrt((fits.normals**2 * deviation**2).sum(axis=1))
@@ -184,10 +191,10 @@ def _by_level(
     around: NDArray[np.float64],
     normals: NDArray[np.float64],
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Axes (p, 3) on whose levels points fill bands, and those on which they form lines.
+    """Mark axes (p, 3) on whose levels points fill bands, and those on which they form lines.
 
-    From one level to the next a surface goes sideways, the farther the gentler it is: so wide are
-    the bands of points that are rounded to one level. Slices and rings are lines on any slope.
+    From one level to the next, a surface moves sideways, and farther where it is less inclined. The
+    points rounded to one level fill a band of that width. Slices and rings are lines on any slope.
     """
     filled, lines = np.zeros(step.shape, bool), np.zeros(step.shape, bool)
     reach = BESIDE * step.max(axis=1)
@@ -211,7 +218,7 @@ def _by_level(
 
 
 def _patterns(step: NDArray[np.float64], around: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Axes (p, 3) in which the points around are a complete grid, and the third of a flat one."""
+    """Mark axes (p, 3) along which the points form a complete grid, or across a flat grid."""
     found = np.zeros(step.shape, bool)
     level = np.ptp(around[:, :PATTERN], axis=1) <= BLUR * step.max(axis=1, keepdims=True)
     for one, two, third in ((0, 1, 2), (0, 2, 1), (1, 2, 0)):

@@ -1,4 +1,4 @@
-"""Stage 2: points between things, as seen from where the scanner stood."""
+"""Stage 2: points that hang between objects, as seen from where the scanner stood."""
 
 from __future__ import annotations
 
@@ -10,31 +10,32 @@ from o3d_sofnn.geometry.vectors import longest_side
 from o3d_sofnn.sampling.scales.choice import Scale
 
 BESIDE = 8
-"""Points that are next in direction."""
+"""Number of neighbours in direction."""
 
 
 COMPANY = 2
-"""How many of them must be near, where a surface is: on the steepest there are those at the same
-distance from the scanner, and at its border those on one side."""
+"""How many of them are near if the point is on a surface: on the steepest surface these are the
+points at the same distance from the scanner, and at its border those on one side."""
 
 
 NEAR, NOISY = 5.0, 4.0
-"""How near that is: over the distance between rays there, plus over the noise level. Of the points
-that hang in the air behind a ball 0.89 are found; of a floor seen by random rays at up to 87
-degrees 0.016, of one seen by rows of rays none. With 3 they are 0.96 and 0.057."""
+"""Largest distance that counts as near: these multiples of the distance between rays there and of
+the noise level, added. This finds 0.89 of the points that hang in the air behind a ball, 0.016 of a
+floor seen by random rays at up to 87 degrees, and none of a floor seen by rows of rays. With 3
+instead of 5, the shares are 0.96 and 0.057."""
 
 
 VEILED = 0.1
-"""Largest share of points between things. Where more seem to be, the place is none from which all
-were seen, or everything is leaves and wires."""
+"""Largest share of points between objects. If there seem to be more, the points were not all seen
+from this place, or everything is leaves and wires."""
 
 
 VIEW = 100
-"""Fewest points that make a view."""
+"""Smallest number of points in a view."""
 
 
 PARALLEL = 1e6
-"""Distance of a viewpoint over the size of the cloud from which on directions have too few
+"""Distance of a viewpoint, divided by the size of the cloud, above which directions have too few
 digits."""
 
 
@@ -44,32 +45,32 @@ def between(
     scale: Scale,
     n_threads: int,
 ) -> NDArray[np.bool_]:
-    """Mark points that hang in the air between a thing and what is behind it.
+    """Mark points that hang in the air between an object and the background.
 
-    Where a ray meets the edge of a thing, the scanner measures something between the thing and what
-    is behind (mixed or flying pixels). Such points stand in rows along the rays, far from those
-    that are next to them in direction. Points of a surface are not, however steeply it is seen.
+    Where a ray hits the edge of an object, the scanner measures a distance between the object and
+    the background (mixed or flying pixels). Such points form rows along the rays, far from their
+    neighbours in direction. Points on a surface are near them, even at grazing angles.
 
     Parameters
     ----------
     points : (n, 3) float64
         Distinct points.
     viewpoint : (3,) or (n, 3) float64 or None
-        Where all were seen from, or each; None where nobody knows.
+        Where all points were seen from, or each of them; None if unknown.
     scale : Scale
-        Of the same points.
+        Scale of the same points.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
     (n,) bool
-        True for points between things; none without a viewpoint.
+        True for points between objects; all False without a viewpoint.
 
     References
     ----------
     Compare the jump edge filter of May et al. 2009, "Three-dimensional mapping with time-of-flight
-    cameras", which looks at the angles to pixels that are next to each other.
+    cameras", which examines the angles between neighbouring pixels.
     """
     hanging = np.zeros(len(points), bool)
     if viewpoint is None:
@@ -88,7 +89,7 @@ def between(
 def _hanging(
     seen: NDArray[np.float64], noise: NDArray[np.float64], n_threads: int
 ) -> NDArray[np.bool_]:
-    """Mark points between things among those that were seen from the origin."""
+    """Mark points between objects among points that were seen from the origin."""
     distance = np.maximum(np.linalg.norm(seen, axis=1), 1e-300)
     if len(seen) < VIEW or distance.min() > PARALLEL * longest_side(seen):
         return np.zeros(len(seen), bool)

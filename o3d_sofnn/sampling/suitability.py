@@ -8,52 +8,54 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import KdTree
 
 FEW = 24
-"""Points below which a surface is a guess: between the corners of a cube or an icosahedron
-everything is possible."""
+"""Number of points below which a surface is a guess: the corners of a cube or an icosahedron could
+belong to many surfaces."""
 
 
 PLACES = 200
-"""Points at which the dimension is measured; more change the share by a few hundredths."""
+"""Number of points at which the dimension is measured; more would change the share by a few
+hundredths."""
 
 
 COUNTS = (16, 64, 256, 1024)
-"""Numbers of neighbours whose distances are compared. One scale alone would take noise (narrow) or
-a sponge (wide) for a volume."""
+"""Numbers of neighbours whose distances are compared. A single scale would mistake noise (if
+narrow) or a sponge (if wide) for a volume."""
 
 
 LOCAL = 8
-"""Neighbours asked for are at most one of so many points: what is wider ends at the borders."""
+"""Smallest ratio of all points to neighbours: wider neighbourhoods are cut off at the borders."""
 
 
 SOLID = 2.4
-"""Dimension from which a neighbourhood is a part of a volume: a surface has 2, a volume 3, near its
-border or on a lattice 2.5."""
+"""Dimension above which a neighbourhood is part of a volume: a surface has 2, a volume has 3, and
+2.5 near its border or on a lattice."""
 
 
 FILLED = 0.3
-"""Share of such points that is worth a warning. Filled balls, cubes, cylinders and voxel masks have
-0.5 to 0.9, real scans at most 0.06, a sphere with noise of a tenth of its radius 0.3."""
+"""Share of such points above which there is a warning. Filled balls, cubes, cylinders and voxel
+masks have 0.5 to 0.9, real scans at most 0.06, and a sphere with noise of a tenth of its radius
+0.3."""
 
 
 def volume_share(points: NDArray[np.float64], tree: KdTree, n_threads: int) -> float:
-    """Measure the share of the points around which the others fill a volume.
+    """Measure the share of points whose neighbours fill a volume.
 
-    Around a point of a surface four times as many points reach twice as far, within a volume only
-    1.6 times: the correlation dimension (Grassberger and Procaccia 1983), at every scale.
+    On a surface, four times as many neighbours reach twice as far; in a volume, only 1.6 times as
+    far. This is the correlation dimension (Grassberger and Procaccia 1983), at every scale.
 
     Parameters
     ----------
     points : (n, 3) float64
         Distinct points.
     tree : KdTree
-        Of these points.
+        Tree of these points.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
     float
-        In [0, 1]; zero for fewer than 512 points, which are too few to tell.
+        Share from 0 to 1; zero for fewer than 512 points, which are too few to decide.
     """
     counts = [count for count in COUNTS if count <= len(points) // LOCAL]
     if len(counts) < 2:

@@ -1,4 +1,4 @@
-"""Stage 3: typical data of the cloud, one for each rule (section 3.1), and their sides."""
+"""Stage 3: typical data of the cloud, one datum per rule (section 3.1), and their sides."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from o3d_sofnn.sampling.scales.choice import Scale
 
 RULES_PER_NEIGHBORHOOD = 8.0
-"""Rules whose centres lie in the neighbourhood of one fit: how far neighbouring fits overlap."""
+"""Number of rule centres in the neighbourhood of one fit, which sets the overlap of the fits."""
 
 
 LEAF = 32
-"""Fewest points in an octree leaf, the piece of data that one fuzzy c-means run sees."""
+"""Smallest capacity of an octree leaf; a run of fuzzy c-means clusters the points of one leaf."""
 
 
 def typical_data(
@@ -30,30 +30,30 @@ def typical_data(
     scale: Scale,
     n_threads: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Draw the typical data of the cloud: fuzzy c-means in every octree leaf (section 3.1).
+    """Find the typical data of a cloud by fuzzy c-means in every octree leaf (section 3.1).
 
-    A leaf that holds both sides of a thin part is divided: a typical datum of both would lie
-    between them.
+    A leaf that contains both sides of a thin part is divided, because a typical datum of both sides
+    would lie between them.
 
     Parameters
     ----------
     points, normals : (n, 3) float64
-        Distinct points and on which side of the surface they lie.
+        Distinct points and their unit normals, which give their sides.
     tree : KdTree
-        Over `points`.
+        Tree of `points`.
     scale : Scale
-        Its neighbourhood size says how many points one typical datum stands for.
+        Its neighbourhood size determines how many points one typical datum represents.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
     centers : (c, 3) float64
-        Cluster centres, c << n where there is noise.
+        Cluster centres; c << n if there is noise.
     sides : (c, 3) float64
-        Unit normals there.
+        Unit normals at the centres.
     """
-    # Leaves smaller than a neighbourhood would get one rule each, however far they overlap.
+    # Leaves much smaller than a neighbourhood would get one rule each, however much they overlap.
     leaves = build_octree(points, max(LEAF, int(np.median(scale.n_neighbors)) // 4))
     order, offsets, facing = divide_by_side(normals[leaves.order], leaves.offsets, n_threads)
     x = np.ascontiguousarray(leaves.points[order])
@@ -77,16 +77,16 @@ def divide_by_side(
     normals : (n, 3) float64
         Unit normals, cell by cell.
     offsets : (c + 1,) int64
-        Cell ``i`` holds rows ``offsets[i]`` to ``offsets[i + 1]``.
+        Cell ``i`` contains the rows ``offsets[i]`` to ``offsets[i + 1] - 1``.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
     order : (n,) int64
-        Rows, part by part.
+        Rows, arranged part by part.
     offsets : (p + 1,) int64
-        The same for the parts.
+        Offsets of the parts.
     facing : (p, 3) float64
         Mean normal of each part.
     """

@@ -72,7 +72,7 @@ def lessons(points: Array, normals: Array, count: int, n_threads: int) -> Lesson
     count : int
         Number of places.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------

@@ -59,7 +59,7 @@ def tidy(
     spacing : (m,) float64
         Of the samples at the vertices.
     n_threads : int, default 1
-        Threads.
+        Number of threads.
 
     Returns
     -------

@@ -38,7 +38,7 @@ def solids(
     samples : (n, 3) float64
         Points on the surface.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------

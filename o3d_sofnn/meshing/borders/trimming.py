@@ -49,7 +49,7 @@ def drop_strays(
     samples : (n, 3) float64
         Points moved onto the surface.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------

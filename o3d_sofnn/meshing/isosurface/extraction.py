@@ -41,7 +41,7 @@ def extract(
     levels : (n,) int64, optional
         Cubes around a seed have an edge of ``size * 2**level``. None for 0.
     n_threads : int, default 1
-        Threads.
+        Number of threads.
 
     Returns
     -------

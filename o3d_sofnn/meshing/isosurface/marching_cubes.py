@@ -144,7 +144,7 @@ def marching_cubes(
     cubes : (c, 8) int32
         Nodes of each cube in the order of ``CORNERS``; neighbouring corners may coincide.
     n_threads : int, default 1
-        Threads.
+        Number of threads.
 
     Returns
     -------

@@ -76,7 +76,7 @@ def flat_edges(rules: RuleBase, n_threads: int) -> NDArray[np.float64]:
     rules : RuleBase
         Rules.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
@@ -123,7 +123,7 @@ def choose_cubes(
     voxel_size : float or None
         Edge of a cube, in the unit of the points, if the user has given one.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------
@@ -198,7 +198,7 @@ def choose_levels(
     sizes : (float, float)
         Edge of a cube where data is as usual, and the longest that any may have.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------

@@ -45,7 +45,7 @@ def spacing_around(
     tree : KdTree
         Over them.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------

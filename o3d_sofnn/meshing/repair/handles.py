@@ -63,7 +63,7 @@ def open_handles(
     spacing : callable
         (k, 3) places to (k,) distances of neighbouring samples there.
     n_threads : int, default 1
-        Threads.
+        Number of threads.
 
     Returns
     -------

@@ -32,7 +32,7 @@ def untangle(steps: Sequence[Array], triangles: Triangles, n_threads: int) -> Ar
     triangles : (t, 3) int32
         What is common to neighbours does not count.
     n_threads : int
-        Threads.
+        Number of threads.
 
     Returns
     -------

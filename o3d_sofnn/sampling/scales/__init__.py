@@ -1,1 +1,1 @@
-"""Stage 2: how wide a local fit has to be, place by place, and how much noise there is."""
+"""Stage 2: how wide local fits have to be, region by region, and how much noise there is."""

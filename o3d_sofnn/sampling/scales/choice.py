@@ -1,4 +1,4 @@
-"""Scale chosen from fits of many sizes (Algorithm 1, step 6)."""
+"""Choice of the scale from fits of many sizes (Algorithm 1, step 6)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SCALES = np.array([8, 12, 18, 27, 40, 60, 90, 135, 200, 300, 450, 675, 1000], np
 
 
 RANDOM = 0.5
-"""Mean disagreement in radians above which normals carry no information (unrelated ones: 1)."""
+"""Mean disagreement in radians above which normals carry no information (1 for random normals)."""
 
 
 FEW = 11
@@ -25,12 +25,13 @@ FEW = 11
 
 
 REGION = 24
-"""Pilots that make a region."""
+"""Number of pilots in a region."""
 
 
 WIDE, ENOUGH = 0.25, 40
-"""Residual over radius of the fits that tell the noise, the smallest of these with so many points:
-in larger ones shape adds to it, in smaller ones most of it is cut off."""
+"""Largest residual, divided by the radius, of fits that measure the noise, and their smallest
+number of points. The smallest such fit is used: in larger ones, shape adds to the noise; in smaller
+ones, most of the noise is cut off."""
 
 
 EDGE_ON, FRONTAL = 0.1, 0.3
@@ -39,11 +40,11 @@ above which it is seen frontally."""
 
 
 NEAR = 8
-"""Pilots next to each other of which the one that needs the largest fit speaks for all."""
+"""Number of neighbouring pilots that all use the largest fit that one of them needs."""
 
 
 PILOTS = 1500
-"""Places at which the scale is chosen; in between the nearest one speaks."""
+"""Number of places at which the scale is chosen; elsewhere the nearest one is used."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +54,9 @@ class Limits:
     Attributes
     ----------
     max_nn : int or None
-        In points; None for no limit but the data's.
+        Largest number of points; None leaves the choice to the data.
     radius : float or None
-        In the unit of the points.
+        Largest radius, in the unit of the points.
     """
 
     max_nn: int | None = None
@@ -71,16 +72,16 @@ class Scale:
     places : (p, 3) float64
         The pilot points.
     tree : KdTree
-        Over them.
+        Tree of the pilot points.
     n_neighbors : (p,) int64
         Neighbourhood size at which normals agree best with those of larger neighbourhoods.
     noise : (p,) float64
-        Standard deviation of the points about the surface, in the unit of the points.
+        Standard deviation of the points from the surface, in the unit of the points.
     spacing : (p,) float64
         Edge of the square that one point covers.
     least : (p,) int64
-        Neighbourhood size below which fits follow the rays of the sensor instead of the surface:
-        the smallest there is where that is not so, or nobody knows where the sensor stood.
+        Neighbourhood size below which fits follow the rays of the sensor instead of the surface;
+        the smallest size if they do not, or if the position of the sensor is unknown.
     """
 
     places: NDArray[np.float64]
@@ -91,13 +92,13 @@ class Scale:
     least: NDArray[np.int64]
 
     def at(self, x: NDArray[np.float64], n_threads: int) -> NDArray[np.int64]:
-        """Index of the pilot that speaks for each row of `x`."""
+        """Return the index of the pilot nearest to each row of `x`."""
         return np.asarray(self.tree.query(x, 1, np.inf, n_threads)[1][:, 0])
 
     def enough(
         self, n_neighbors: NDArray[np.int64], x: NDArray[np.float64], n_threads: int
     ) -> NDArray[np.int64]:
-        """Return sizes, (n,), of neighbourhoods around `x`, at least :attr:`least` there."""
+        """Return sizes, (n,), of neighbourhoods around `x`, raised to :attr:`least` there."""
         if not len(n_neighbors) or self.least.max() <= n_neighbors.min():
             return n_neighbors
         return np.maximum(n_neighbors, self.least[self.at(x, n_threads)])
@@ -113,28 +114,28 @@ def choose_scale(
 ) -> Scale:
     """Find the neighbourhood size that balances noise against detail, region by region.
 
-    A normal fitted at one scale is compared with the one fitted two scales further up. Noise makes
-    them differ when the neighbourhood is too small, the shape does when it is too large; the
-    smallest mean difference over a region marks the scale to use, and the residual of the fit at
-    that scale is the noise level. Nothing is assumed of either beforehand.
+    A normal fitted at one scale is compared with the normal fitted two scales above. Noise makes
+    them differ if the neighbourhood is too small, and shape does if it is too large; the smallest
+    mean difference in a region marks the scale to use, and the residual of the fit at that scale is
+    the noise level. No prior knowledge of noise or shape is needed.
 
     Parameters
     ----------
     points : (n, 3) float64
         Distinct points in Morton order.
     tree : KdTree
-        Over `points`.
+        Tree of `points`.
     limits : Limits
         Largest neighbourhood allowed.
     n_threads : int
-        Threads.
+        Number of threads.
     sight : (n, 3) float64, optional
         Vectors of any length from the points to where they were seen from, zero where unknown.
 
     Returns
     -------
     Scale
-        At up to 1500 pilots, evenly spread over the points.
+        Scale at up to 1500 pilots, spread evenly over the points.
     """
     n = len(points)
     sizes = sizes_to_try(n, limits.max_nn)
@@ -158,7 +159,7 @@ def choose_scale(
         rising[:, :-1] = (regional[:, 1:] >= regional[:, :-1]) & (regional[:, :-1] < RANDOM)
         if (~rising.any(axis=1)).mean() < 0.05 or len(sizes) <= FEW:
             break
-    # The first minimum: beyond the size of a thin part wrong normals agree with each other.
+    # Take the first minimum: above the size of a thin part, wrong normals agree with each other.
     chosen = np.where(rising.any(axis=1), rising.argmax(axis=1), regional.argmin(axis=1))
     row = np.arange(len(pilots))
     least = np.zeros(len(pilots), np.int64)
@@ -183,11 +184,11 @@ def choose_scale(
 def least_facing(
     normals: NDArray[np.float64], rays: NDArray[np.float64], near: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Find below which size fits lie along the rays of the sensor.
+    """Find the size below which fits lie along the rays of the sensor.
 
-    Where points are denser than the error of their range is long, a small neighbourhood is a rod
-    along the rays: the plane fitted to it contains them, however well small neighbourhoods agree
-    with each other. What small fits see edge-on and larger ones frontally is frontal.
+    If the spacing of points is smaller than their range error, a small neighbourhood is a rod along
+    the rays: the fitted plane contains the rays, even if small neighbourhoods agree with each
+    other. A surface that is edge-on in small fits and frontal in larger ones is frontal.
 
     Parameters
     ----------
@@ -196,12 +197,13 @@ def least_facing(
     rays : (p, 3) float64
         Unit vectors to the sensor, zero where unknown.
     near : (p, k) int64
-        Pilots next to each one, itself included.
+        Neighbouring pilots of each pilot, including itself.
 
     Returns
     -------
     (p,) int64
-        Index of the smallest size that is not edge-on at any pilot near, 0 where all sizes are.
+        Index of the smallest size from which no neighbouring pilot is edge-on; 0 where all sizes
+        are usable.
     """
     facing = np.abs(np.einsum("psd,pd->ps", normals, rays))
     known = np.einsum("pd,pd->p", rays, rays) > 0.0
@@ -218,7 +220,7 @@ def within(
     radii: NDArray[np.float64],
     limits: Limits,
 ) -> NDArray[np.int64]:
-    """Choose smaller neighbourhoods where the chosen ones are larger than the user allows.
+    """Reduce chosen neighbourhoods that are larger than the user allows.
 
     Parameters
     ----------
@@ -234,7 +236,7 @@ def within(
     Returns
     -------
     (p,) int64
-        Index of a size, 0 where not even the smallest is allowed.
+        Index of a size; 0 where not even the smallest is allowed.
     """
     allowed = np.ones(radii.shape, bool)
     if limits.max_nn is not None:
@@ -245,19 +247,19 @@ def within(
 
 
 def sizes_to_try(n_points: int, max_neighbors: int | None) -> NDArray[np.int64]:
-    """Neighbourhood sizes for a cloud, two more than may be chosen.
+    """Return neighbourhood sizes for a cloud, two more than may be chosen.
 
     Parameters
     ----------
     n_points : int
-        Points of the cloud.
+        Number of points in the cloud.
     max_neighbors : int or None
         Largest neighbourhood allowed.
 
     Returns
     -------
     (s,) int64
-        Ascending.
+        Sizes in ascending order.
     """
     limit = max(min(max_neighbors or n_points, n_points // 20), SCALES[0])
     return np.minimum(SCALES[: np.searchsorted(SCALES, limit, "right") + 2], n_points)

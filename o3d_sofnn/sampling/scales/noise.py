@@ -6,17 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 TRUNCATED, POWER = 0.36, 2.6
-"""Residual over the radius of a fit that points all over its ball leave, and exponent of the share
+"""Residual divided by the radius of a fit to points that fill its ball, and exponent of the share
 of Gaussian noise that such a ball cuts off (simulated)."""
 
 
 LARGEST = 0.5
-"""Ratio to the former up to which this is made good for: beyond, it may be a second sheet that the
-ball holds."""
+"""Ratio to the former up to which the noise is corrected for truncation: above it, the ball may
+contain a second sheet."""
 
 
 def untruncated(rms: NDArray[np.float64], radius: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Make good for the part of the noise that lies outside the balls of the fits.
+    """Correct residuals for the part of the noise that lies outside the balls of the fits.
 
     Parameters
     ----------
@@ -26,8 +26,8 @@ def untruncated(rms: NDArray[np.float64], radius: NDArray[np.float64]) -> NDArra
     Returns
     -------
     (...) float64
-        Standard deviation of the noise: `rms` where that is much less than the radius, up to 1.1
-        times as much elsewhere.
+        Standard deviation of the noise: equal to `rms` where that is much smaller than the radius,
+        elsewhere up to 1.1 times as large.
     """
     ratio = np.minimum(rms / np.maximum(radius, 1e-300), LARGEST * TRUNCATED)
     return np.asarray(rms / np.sqrt(1.0 - (ratio / TRUNCATED) ** POWER))
@@ -41,15 +41,15 @@ def noise_level(
 ) -> NDArray[np.float64]:
     """Separate noise from shape in the residuals of quadric fits at two scales.
 
-    Noise leaves the same residual at every scale; what a quadric misses of the shape grows with the
-    third power of the radius, so its square with the third power of the number of points.
+    Noise leaves the same residual at every scale. The part of the shape that a quadric misses grows
+    with the cube of the radius, so its square grows with the cube of the number of points.
 
     Parameters
     ----------
     fine, coarse : (p,) float64
         Root-mean-square residuals.
     n_fine, n_coarse : (p,) int64
-        Points in the fits.
+        Number of points in the fits.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Scale chosen anew once the sides are known (Algorithm 1, step 6)."""
+"""Second choice of the scale, when the sides are known (Algorithm 1, step 6)."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from o3d_sofnn.sampling.local_fit import Neighborhoods, fit_quadrics, sides_arou
 from o3d_sofnn.sampling.scales.choice import REGION, Limits, Scale, sizes_to_try, within
 
 HEIGHTS = 4.0
-"""Weight of a difference in height, over the radius of a middling fit, against one in radians."""
+"""Weight of a height difference, divided by the radius of a medium-sized fit, relative to one in
+radians."""
 
 
 REFERENCE = 4
-"""Place of that fit among the sizes."""
+"""Index of that fit among the sizes."""
 
 
 def refine_scale(
@@ -27,19 +28,19 @@ def refine_scale(
     limits: Limits,
     n_threads: int,
 ) -> Scale:
-    """Choose the neighbourhood size anew, from fits that leave the other side of a part out.
+    """Choose the neighbourhood size again, from fits without the opposite side of thin parts.
 
-    As in :func:`choose_scale` a fit is compared with the one two sizes further up, now in the
-    normal and in the height of the surface: on a tube the normals of ever larger fits agree, by
-    symmetry, while their heights drift. Wrong normals no longer agree beyond the size of a thin
-    part, so that the smallest difference of all sizes counts, not the first one.
+    As in :func:`choose_scale`, a fit is compared with the one two sizes above, now in the normal
+    and in the height of the surface: on a tube, the normals of ever larger fits agree by symmetry,
+    while their heights drift. Wrong normals no longer agree above the size of a thin part, so the
+    global minimum of the difference counts, not the first one.
 
     Parameters
     ----------
     points : (n, 3) float64
         Distinct points.
     tree : KdTree
-        Over `points`.
+        Tree of `points`.
     scale : Scale
         The first choice.
     sides : (n, 3) float64
@@ -50,7 +51,7 @@ def refine_scale(
     Returns
     -------
     Scale
-        At the same pilots, noise and spacing as before.
+        New sizes at the same pilots; noise and spacing do not change.
     """
     sizes = sizes_to_try(len(points), limits.max_nn)
     places = scale.places
