@@ -25,7 +25,6 @@ def main() -> None:
     assert len(vertices) - len(uses) + len(triangles) == 2
     assert np.abs(np.linalg.norm(vertices, axis=1) - 1).max() < 0.02
     subprocess.run([sys.executable, "-m", "o3d_sofnn", "--version"], check=True)
-    print(f"{len(triangles)} triangles")
 
 
 if __name__ == "__main__":
