@@ -1,1 +1,1 @@
-"""Geometry without point-cloud method: vectors, neighbours, mesh properties."""
+"""General geometry: vectors, neighbours, mesh properties."""

@@ -1,4 +1,4 @@
-"""The gate behind each stage: what is not finite, open or out of range becomes an error."""
+"""Checks after each stage: values that are not finite and open meshes become errors."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from o3d_sofnn.geometry import mesh_properties
 
 
 def check_stage(stage: str, **arrays: NDArray[Any]) -> None:
-    """Raise ``ValueError`` where a stage of the pipeline has left values that are not finite.
+    """Raise ``ValueError`` if a stage of the pipeline has computed values that are not finite.
 
     Parameters
     ----------
     stage : str
-        Its name, for the message.
+        Name of the stage, for the message.
     **arrays
-        What it has computed, by name.
+        Its results, by name.
     """
     for name, values in arrays.items():
         if not np.isfinite(values).all():
@@ -38,7 +38,7 @@ def check_mesh(
     vertices, triangles : numpy.ndarray, shapes (m, 3) and (f, 3)
         The mesh.
     closed : bool
-        Whether every edge shall have two triangles that run through it in opposite directions.
+        Whether every edge must have two triangles that run through it in opposite directions.
 
     Returns
     -------

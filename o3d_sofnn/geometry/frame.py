@@ -1,4 +1,4 @@
-"""Coordinates of the user, and those of the unit cube in which everything is computed."""
+"""Transformation between the user's coordinates and the unit cube used for all computations."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ class Frame:
     Attributes
     ----------
     middle, extent : (3,) float64 and float
-        A place x of the cube is ``extent * x + middle`` to the user.
+        A point x of the cube is ``extent * x + middle`` in the user's coordinates.
     """
 
     middle: NDArray[np.float64]
     extent: float
 
     def outside(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Places of the cube, (..., 3), in the user's coordinates."""
+        """Convert points of the cube, (..., 3), to the user's coordinates."""
         return np.asarray(self.extent * x + self.middle)
 
     def inside(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Places of the user, (..., 3), in coordinates of the cube."""
+        """Convert points of the user, (..., 3), to coordinates of the cube."""
         return np.asarray((x - self.middle) / self.extent)
 
     @property

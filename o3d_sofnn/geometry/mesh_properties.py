@@ -1,4 +1,4 @@
-"""What a mesh is (closed, manifold ...) and how far normals are apart: arrays in, numbers out.
+"""Properties of meshes (closed, manifold ...) and angles between normals: arrays in, numbers out.
 
 Triangles are ``(f, 3)`` arrays of vertex indices, lengths are in the unit of the coordinates.
 """
@@ -25,25 +25,25 @@ def boundary_edges(triangles: Triangles) -> NDArray[np.int64]:
 
 
 def with_corner_in(marked: NDArray[np.bool_], triangles: Triangles) -> NDArray[np.bool_]:
-    """Tell of each triangle, ``(f,)``, whether any of its corners is one of the marked vertices."""
+    """Mark triangles, ``(f,)``, with at least one corner among the marked vertices."""
     # Three gathers: numpy reduces rows of three far more slowly.
     a, b, c = (marked[triangles[:, corner]] for corner in range(3))
     return np.asarray(a | b | c)
 
 
 def is_closed(triangles: Triangles) -> bool:
-    """Tell whether there are triangles, and no edge belongs to one triangle alone."""
+    """Return whether there are triangles, and no edge belongs to exactly one."""
     return len(triangles) > 0 and len(boundary_edges(triangles)) == 0
 
 
 def is_edge_manifold(triangles: Triangles) -> bool:
-    """Tell whether no edge belongs to more than two triangles, and no triangle repeats a vertex."""
+    """Return whether no edge has more than two triangles, and no triangle repeats a vertex."""
     _, counts = _edges(triangles)
     return not has_repeated_indices(triangles) and bool((counts <= 2).all())
 
 
 def is_vertex_manifold(triangles: Triangles) -> bool:
-    """Tell whether the triangles around every vertex hang together by edges at that vertex."""
+    """Return whether the triangles around every vertex are connected by edges at that vertex."""
     if len(triangles) == 0:
         return True
     n_corners = triangles.size
@@ -62,16 +62,16 @@ def is_vertex_manifold(triangles: Triangles) -> bool:
 
 
 def is_consistently_wound(triangles: Triangles) -> bool:
-    """Tell whether neighbours run through their common edge in opposite directions."""
+    """Return whether neighbours run through their common edge in opposite directions."""
     directed = _half_edges(triangles)
     return len(np.unique(directed, axis=0)) == len(directed)
 
 
 def is_watertight(triangles: Triangles) -> bool:
-    """Tell whether the mesh is closed, edge-manifold and consistently wound."""
+    """Return whether the mesh is closed, edge-manifold and consistently wound."""
     if len(triangles) == 0 or has_repeated_indices(triangles):
         return False
-    # Each half-edge once, and its opposite once: one number each is many times as fast as rows.
+    # Each half-edge and its opposite occur once. Sorting numbers is many times as fast as rows.
     corners = np.asarray(triangles, dtype=np.int64)
     start, end = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
     n = int(corners.max()) + 1
@@ -80,25 +80,25 @@ def is_watertight(triangles: Triangles) -> bool:
 
 
 def has_repeated_indices(triangles: Triangles) -> bool:
-    """Tell whether a triangle names a vertex twice."""
+    """Return whether a triangle uses a vertex twice."""
     a, b, c = np.asarray(triangles).T
     return bool(((a == b) | (b == c) | (c == a)).any())
 
 
 def euler_characteristic(triangles: Triangles) -> int:
-    """Return V - E + F over the vertices in use: 2 per sphere, 0 per torus."""
+    """Return V - E + F, counting used vertices only: 2 per sphere, 0 per torus."""
     return len(np.unique(triangles)) - len(_edges(triangles)[0]) + len(triangles)
 
 
 def component_labels(triangles: Triangles) -> tuple[int, NDArray[np.int64]]:
-    """Return the number of pieces that share no vertex, and the piece of every triangle.
+    """Return the number of components that share no vertex, and the component of every triangle.
 
     Returns
     -------
     count : int
-        Number of pieces.
+        Number of connected components.
     labels : numpy.ndarray, shape (f,)
-        From 0, in the order in which pieces first appear.
+        Component of each triangle, numbered from 0 in order of first appearance.
     """
     if len(triangles) == 0:
         return 0, np.zeros(0, dtype=np.int64)
@@ -114,7 +114,7 @@ def component_labels(triangles: Triangles) -> tuple[int, NDArray[np.int64]]:
 
 def signed_volume(vertices: Points, triangles: Triangles) -> float:
     """Return the volume that a closed mesh encloses, positive when its normals point outward."""
-    # Near the origin the products of coordinates do not cancel digits away.
+    # Close to the origin, the products of coordinates do not lose digits by cancellation.
     a, b, c = _corners(vertices - vertices.mean(axis=0), triangles)
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
 
@@ -138,7 +138,7 @@ def sample_surface(
     count : int
         Number of points.
     seed : int, default 0
-        Of the random numbers; the same seed gives the same points.
+        Seed of the random numbers; the same seed gives the same points.
 
     Returns
     -------
@@ -149,7 +149,7 @@ def sample_surface(
     normals = area_vectors(vertices, triangles)
     areas = np.linalg.norm(normals, axis=1)
     chosen = rng.choice(len(triangles), count, p=areas / areas.sum())
-    # The square root makes the density even (Osada et al. 2002, Shape distributions, eq. (1)).
+    # The square root makes the density uniform (Osada et al. 2002, Shape distributions, eq. (1)).
     u, v = np.sqrt(rng.random((count, 1))), rng.random((count, 1))
     a, b, c = _corners(vertices, triangles[chosen])
     points = (1 - u) * a + u * (1 - v) * b + u * v * c
@@ -163,7 +163,7 @@ def flipped_fraction(normals: Points, reference: Points) -> float:
 
 def normal_angles(normals: Points, reference: Points) -> NDArray[np.float64]:
     """Return the angles in degrees, 0 to 90, between two sets of unit vectors, sign ignored."""
-    # The arc cosine of the dot product loses half of the digits of a small angle.
+    # The arc cosine of the dot product would lose half of the digits of a small angle.
     sine = np.linalg.norm(np.cross(normals, reference), axis=1)
     cosine = np.abs(np.einsum("ij,ij->i", normals, reference))
     return np.asarray(np.degrees(np.arctan2(sine, cosine)))
@@ -176,7 +176,7 @@ def _half_edges(triangles: Triangles) -> NDArray[np.int64]:
 
 def _edges(triangles: Triangles) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the undirected edges, each once, and how many triangles have them."""
-    # One number an edge: sorting these is many times as fast as sorting rows.
+    # One number per edge: sorting these is many times as fast as sorting rows.
     corners = np.asarray(triangles).T
     n = int(corners.max(initial=0)) + 1
     pairs = zip(corners, np.roll(corners, -1, axis=0), strict=True)

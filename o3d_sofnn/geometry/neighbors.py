@@ -1,4 +1,4 @@
-"""What nearest neighbours say about the sampling of a surface."""
+"""Areas of samples from their nearest neighbours."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import KdTree
 
 LEAST = 2.0**-50
-"""Least area of a sample in the unit cube, the square of its resolution: that of one alone, too."""
+"""Smallest area of a sample in the unit cube: its squared resolution; also used for one sample."""
 
 
 def neighborhood_areas(
     places: NDArray[np.float64], tree: KdTree, n_threads: int
 ) -> NDArray[np.float64]:
-    """Area of surface that one sample covers, at some of them.
+    """Return the area of surface that each of some samples covers.
 
     Parameters
     ----------
     places : (m, 3) float64
         Samples.
     tree : KdTree
-        Over all samples.
+        Tree of all samples.
     n_threads : int
         Number of threads.
 
     Returns
     -------
     (m,) float64
-        ``pi r_k^2 / k`` with the k nearest, above zero.
+        ``pi r_k^2 / k`` from the distance to the k-th nearest sample; positive.
     """
     k = min(9, tree.size)
     distance, _ = tree.query(places, k, np.inf, n_threads)

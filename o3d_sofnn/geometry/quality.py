@@ -12,33 +12,33 @@ from o3d_sofnn.geometry.mesh_properties import boundary_edges, triangle_areas
 from o3d_sofnn.geometry.vectors import unit
 
 ASKED = 100_000
-"""Points of many whose distance from the mesh is looked at."""
+"""Largest number of points whose distance from the mesh is measured."""
 
 
 CRUMB = 24
-"""Points on a component below which it is a crumb, unless it is the largest there is."""
+"""A connected component with fewer points is a crumb, unless it is the largest one."""
 
 
 MOST_CRUMBS = 20
-"""Crumbs from which on the mesh looks like a collapse: streets and trees have up to 12, clouds with
-a grid step of a spacing thousands."""
+"""Number of crumbs above which there is a warning: streets and trees have up to 12, clouds with a
+grid step as long as the spacing have thousands."""
 
 
 GRAZING = -0.2
-"""Cosine to the viewpoint below which the mesh faces away: rims and edges turn a little."""
+"""Cosine to the viewpoint below which the mesh faces away: rims and edges turn away a little."""
 
 
 NEAR = 0.8
-"""Share of the points near the mesh below which it looks like one: 0.95 to 1 on objects, 0.85 and
-more among trees, 0.3 where the mesh fell to pieces."""
+"""Share of points near the mesh below which there is a warning: it is 0.95 to 1 on objects, at
+least 0.85 among trees, and 0.3 where the mesh fell to pieces."""
 
 
 INVENTED = 0.05
-"""Share of invented area of an open mesh from which on it is worth a warning."""
+"""Share of invented area of an open mesh above which there is a warning."""
 
 
 SEEN = 0.9
-"""Share of the points whose side of the mesh was seen below which sides are worth a warning."""
+"""Share of the points where the mesh faces the viewpoint below which there is a warning."""
 
 
 Array = NDArray[np.float64]
@@ -54,16 +54,16 @@ class Quality:
     Attributes
     ----------
     near : float
-        Share of the inliers at most one spacing, or where that is more two noise levels, from the
-        mesh.
+        Share of the inliers near the mesh: at most one spacing away, or two noise levels if that is
+        more.
     invented : float
-        Share of the area that is farther than 5 spacings from any inlier.
+        Share of the area that is farther than 5 times the spacing from any inlier.
     components, crumbs : int
-        Connected components, and those of them with fewer than 24 inliers.
+        Number of connected components, and of components with fewer than 24 inliers.
     border_edges : int
-        Edges of one triangle alone.
+        Number of edges with exactly one triangle.
     border_length : float
-        Of all of them, in the unit of the points.
+        Total length of these edges, in the unit of the points.
     seen : float or None
         Share of the inliers where the mesh does not face away from the viewpoint, if known.
     """
@@ -89,12 +89,12 @@ class Quality:
         return "; ".join(parts)
 
     def warnings(self, is_open: bool) -> tuple[str, ...]:
-        """Say what looks wrong, and what to try.
+        """Return what looks wrong, and what to try.
 
         Parameters
         ----------
         is_open : bool
-            Whether the mesh was to end where the data does.
+            Whether the mesh was supposed to end where the data end.
         """
         found = []
         if self.near < NEAR:
@@ -124,18 +124,18 @@ class Quality:
 
 @dataclass(frozen=True)
 class Inliers:
-    """Some of the inliers of a cloud.
+    """A subset of the inliers of a cloud.
 
     Attributes
     ----------
     points : (k, 3) float64
         Inliers.
     reach : (k,) float64
-        How far they may be from the mesh.
+        Largest distance from the mesh at which each counts as near.
     directions : (k, 3) float64 or None
-        To where each was seen from.
+        Vectors to where each was seen from.
     weight : float
-        Inliers that each stands for.
+        Number of inliers that each represents.
     """
 
     points: Array
@@ -145,7 +145,7 @@ class Inliers:
 
     @classmethod
     def some(cls, points: Array, reach: Array, directions: Array | None) -> Inliers:
-        """Return every so manieth of the inliers."""
+        """Return a regular subset of the inliers."""
         few = slice(None, None, 1 + len(points) // ASKED)
         some = points[few].copy()
         seen = None if directions is None else directions[few].copy()
@@ -155,24 +155,24 @@ class Inliers:
 def assess(
     vertices: Array, triangles: Triangles, beyond: Array, inliers: Inliers, n_threads: int
 ) -> Quality:
-    """Measure how well a mesh fits.
+    """Measure how well a mesh fits the inliers.
 
     Parameters
     ----------
     vertices : (m, 3) float64
     triangles : (t, 3) int32
     beyond : (m,) float64
-        Distance of the vertices from the nearest sample over 5 spacings.
+        Distance of the vertices from the nearest sample, divided by 5 times the spacing.
     inliers : Inliers
-        In the coordinates of the vertices.
+        Inliers in the coordinates of the vertices.
     n_threads : int
         Number of threads.
 
     Returns
     -------
     Quality
-        The distance of a point is that from the plane of the nearest vertex, or from the vertex
-        itself if that has no edge as long as the point is beside it.
+        The distance of a point is measured to the tangent plane of the nearest vertex, or to the
+        vertex itself if all its edges are shorter than the point's distance along that plane.
     """
     facing = np.asarray(vertex_normals(vertices, triangles))
     found = KdTree(vertices, n_threads).query(inliers.points, 1, np.inf, n_threads)[1][:, 0]
@@ -202,7 +202,7 @@ def assess(
 
 
 def _longest_edges(vertices: Array, triangles: Triangles) -> Array:
-    """Longest edge of each vertex, (m,)."""
+    """Return the length of the longest edge of each vertex, (m,)."""
     start, end = triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
     length = np.linalg.norm(vertices[start] - vertices[end], axis=1)
     longest = np.zeros(len(vertices))

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 BLOCK = 256
-"""Points that are looked at together: rows of three numbers are too short for vector units."""
+"""Number of points that are processed together: rows of three are too short for vector units."""
 
 
 def bounds(x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lowest and highest coordinates of points (n, 3), n > 0."""
+    """Return the lowest and highest coordinates of points (n, 3), n > 0."""
     blocks = x[: len(x) // BLOCK * BLOCK].reshape(-1, 3 * BLOCK)
     rest = x[-BLOCK:]
     if not len(blocks):
@@ -22,13 +22,13 @@ def bounds(x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.floa
 
 
 def longest_side(x: NDArray[np.float64]) -> float:
-    """Longest side of the bounding box of points (n, 3), n > 0."""
+    """Return the longest side of the bounding box of points (n, 3), n > 0."""
     low, high = bounds(x)
     return float((high - low).max())
 
 
 def unit(x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rows of unit length, zeros stay."""
+    """Scale rows to unit length; zero rows stay zero."""
     return np.asarray(x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-300))
 
 
@@ -41,7 +41,7 @@ def even_directions(count: int) -> NDArray[np.float64]:
 
 
 SOME = 5000
-"""Points of many that are looked at first: a part may say enough."""
+"""Number of points that are examined first: a subset may suffice."""
 
 
 def affine_rank(points: NDArray[np.float64]) -> int:

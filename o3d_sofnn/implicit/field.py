@@ -1,4 +1,4 @@
-"""Stage 8: one function over all space: local implicits near the data, winding number elsewhere."""
+"""Stage 8: one function for all space: local implicits near the data, winding number elsewhere."""
 
 from __future__ import annotations
 
@@ -18,51 +18,51 @@ if TYPE_CHECKING:
     from o3d_sofnn.implicit.units import LocalSurfaces
 
 REACH = (0.75, 1.5)
-"""Distance from the data, over the spacing, up to which the local implicits speak alone, and from
-which on the winding number does."""
+"""Distances from the data, divided by the spacing, up to which only the local implicits count, and
+above which only the winding number does."""
 
 
 NOISY_REACH = 0.67
-"""The same where there is noise, over that where there is none."""
+"""Factor of both distances where there is noise."""
 
 
 CERTAIN = (0.2, 0.35)
-"""Distance of the winding number from its level up to which the local implicits are believed, and
-from which on not: whatever they say, such a place is inside or outside."""
+"""Deviations of the winding number from its level up to which the local implicits are trusted, and
+above which they are not: such a place is clearly inside or outside."""
 
 
 WIDTH = 0.75
-"""Smoothing width of the winding number, over the spacing."""
+"""Smoothing width of the winding number, divided by the spacing."""
 
 
 ACROSS = 16.0
-"""How fast a noisy rule loses weight with the residual that neither noise nor chance explains: it
-lies across an edge, and the rules of the two faces know better."""
+"""How fast a noisy rule loses weight with the residual that neither noise nor chance explains: such
+a rule lies across an edge, and the rules of the two faces are more accurate."""
 
 
 UNEXPLAINED = 10.0
-"""Largest part that counts."""
+"""Upper limit of that residual."""
 
 
 NEAREST = 16
-"""Rules that take part in the blend at one place."""
+"""Number of rules that are blended at one query."""
 
 
 BLOCK = 2**18
-"""Places that are looked at together."""
+"""Number of queries that are evaluated together."""
 
 
 PLACES = 50_000
-"""Samples that say enough about the mean winding number of all."""
+"""Number of samples that suffice to estimate the mean winding number of all."""
 
 
 LONE = 8.0
-"""Most of the edge of the square that a sample covers, over the spacing. A clump of fewer points
-than neighbours are asked for, far from all others, would weigh as much as a room."""
+"""Largest edge of the square that a sample covers, divided by the spacing. Without this limit, an
+isolated clump of fewer points than the neighbours searched for would weigh as much as a room."""
 
 
 ALIKE = 8
-"""Most consecutive samples that share one area."""
+"""Largest number of consecutive samples that share one area."""
 
 
 LEVELS, AVERAGED, NEAR_LEVELS = 2000, 64, 4
@@ -76,7 +76,7 @@ SAME = 0.1
 
 
 Evaluate = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
-"""What a field is to others: (m, 3) places to (m,) values, negative inside, and (m,) support."""
+"""Type of a field: maps (m, 3) queries to (m,) values, negative inside, and (m,) support."""
 
 
 class Field:
@@ -91,11 +91,11 @@ class Field:
     samples : (n, 3) float64
         Points moved onto the surface, in Morton order.
     normals : (n, 3) float64
-        Their normals.
+        Unit normals of the samples.
     spacing : (n,) float64
-        Local distance of neighbouring samples, not less than what the field shall resolve.
+        Local distance between neighbouring samples, or the intended resolution if that is coarser.
     solid : (n,) bool
-        Which of them lie on a solid, and not on a sheet or in a room.
+        True for samples on a solid, False for those on a sheet or in a room.
     n_threads : int
         Number of threads.
     """
@@ -120,11 +120,11 @@ class Field:
         self._spacing = spacing
         self.n_threads = n_threads
         self._view = rules.view(n_threads, trust=trust(rules))
-        # Lengths are compared: a spacing as long as the user's voxels may be has no finite square.
+        # Lengths are compared: the square of a spacing as long as the user's voxels may overflow.
         weight = np.minimum(np.sqrt(self._areas(samples)), LONE * spacing) ** 2
         self._dipoles = weight[:, None] * normals
         self._far_tree = WindingTree(samples, weight, n_threads)
-        # As in Poisson reconstruction the level is the mean over the samples: 1/2 on closed data.
+        # As in Poisson reconstruction, the level is the mean at the samples: 1/2 on closed data.
         some = slice(None, None, 1 + len(samples) // PLACES)
         on_samples = self.winding_number(np.ascontiguousarray(samples[some]), spacing[some])
         self.level = float(np.average(on_samples, weights=weight[some]))
@@ -132,7 +132,7 @@ class Field:
         self._levels = self._local_levels(places, on_samples, ~solid[some])
 
     def _areas(self, samples: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Area of surface around each sample, the same for a few consecutive ones of many."""
+        """Return the area around each sample; in large clouds, consecutive samples share one."""
         few = min(1 + len(samples) // PLACES, ALIKE)
         places = np.ascontiguousarray(samples[few // 2 :: few])
         areas = neighborhood_areas(places, self._samples, self.n_threads)
@@ -164,7 +164,7 @@ class Field:
     def winding_number(
         self, x: NDArray[np.float64], spacing: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Winding number of the samples at `x`, (m,), smoothed as their spacing there wants."""
+        """Return the winding number at queries `x`, (m,), smoothed according to the spacing."""
         return np.asarray(
             self._far_tree.winding(self._dipoles, x, WIDTH * spacing, OPENING, self.n_threads)
         )
@@ -172,13 +172,13 @@ class Field:
     def nearest(
         self, x: NDArray[np.float64], k: int
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Distances from the `k` nearest samples, (m, k), and these."""
+        """Return the distances to the `k` nearest samples, (m, k), and their indices."""
         k = min(k, len(self._spacing))
         distance, index = self._samples.query(x, k, np.inf, self.n_threads)
         return np.asarray(distance), np.asarray(index)
 
     def spacing_at(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Spacing of the samples nearest to places (m, 3), (m,)."""
+        """Return the spacing, (m,), of the samples nearest to queries (m, 3)."""
         return np.asarray(self._spacing[self._samples.query(x, 1, np.inf, self.n_threads)[1][:, 0]])
 
     def __call__(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -187,26 +187,26 @@ class Field:
         Parameters
         ----------
         x : (m, 3) float64
-            Places.
+            Queries.
 
         Returns
         -------
         values : (m,) float64
-            Negative inside, in the unit of the points.
+            Values, negative inside, in the unit of the points.
         support : (m,) float64
-            1 on the data, 0 far away from it.
+            Support by the data: 1 on the data, 0 far from them.
         """
         # The kernels share work between neighbours.
         order = np.asarray(sort_morton(np.ascontiguousarray(x), self.n_threads)[1])
         values, support = np.empty(len(x)), np.empty(len(x))
-        for start in range(0, len(x), BLOCK):  # some ten numbers a place are needed at once
+        for start in range(0, len(x), BLOCK):  # about ten numbers per query are in memory
             block = order[start : start + BLOCK]
             values[block], support[block] = self._evaluate(np.ascontiguousarray(x[block]))
         check_stage("field", values=values)
         return values, support
 
     def _evaluate(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        # Beyond the reach of the widest spacing the search ends at once: an infinite distance.
+        # Beyond the reach of the widest spacing, the search ends early with an infinite distance.
         limit = REACH[1] * float(self._spacing.max())
         distance, nearest = self._samples.query(x, 1, limit, self.n_threads)
         spacing = self._spacing[np.minimum(nearest[:, 0], len(self._spacing) - 1)]
@@ -232,13 +232,13 @@ class Field:
 
 
 def trust(rules: RuleBase) -> NDArray[np.float64]:
-    """Weight of each rule in the blend, over its quality, (r,): low across edges of noisy data."""
+    """Return a factor of each rule's quality in the blend, (r,), low across edges of noisy data."""
     chance = np.sqrt(2.0 / rules.n_neighbors)
     unexplained = np.clip(rules.excess - chance, 0.0, UNEXPLAINED)
     return np.asarray(np.exp(-ACROSS * rules.noisiness * unexplained))
 
 
 def fade(x: NDArray[np.float64], low: float, high: float) -> NDArray[np.float64]:
-    """Smooth step from 1 at `low` to 0 at `high`."""
+    """Return a smooth step from 1 at `low` to 0 at `high`."""
     t = np.clip((high - x) / (high - low), 0.0, 1.0)
     return np.asarray(t * t * (3.0 - 2.0 * t))

@@ -14,28 +14,28 @@ from o3d_sofnn.rules.rule_base import RuleBase, fit_rules, joined
 from o3d_sofnn.sampling.local_fit import Neighborhoods
 
 NOISE_PRECISION = (4.0, 6.0)
-"""Precision epsilon over the noise level, where most of that is shape that the quadrics miss, and
-where it is noise: residuals up to here are no shape."""
+"""Precision epsilon divided by the noise level, where that level is mostly shape that the quadrics
+miss, and where it is noise: smaller residuals do not count as shape."""
 
 
 SHAPE_PRECISION = 1e-3
-"""Least precision, over the radius of a unit."""
+"""Smallest precision, divided by the radius of a unit."""
 
 
 @dataclass(frozen=True)
 class LocalSurfaces:
-    """One local implicit per unit: the quadric of its rule and radial basis functions on top.
+    """One local implicit per unit: the quadric of its rule, corrected by radial basis functions.
 
     Attributes
     ----------
     terms : (r, t, 4) float64
-        Centre, in the frame of the rule and over its radius, and weight of each basis function.
+        Centre, in the frame of the rule and divided by its radius, and weight of each function.
     n_terms : (r,) int64
-        How many of the terms are in use.
+        Number of terms in use.
     error : (r,) float64
-        Largest residual that is left at a point of the unit, in the unit of the points.
+        Largest remaining residual at a point of the unit, in the unit of the points.
     worst : (r, 3) float64
-        The point that has it.
+        The point with that residual.
     precision : (r,) float64
         Epsilon of each unit.
     """
@@ -48,21 +48,21 @@ class LocalSurfaces:
 
     @property
     def unresolved(self) -> NDArray[np.bool_]:
-        """Units whose largest residual exceeds the precision, for step 3 of Algorithm 2."""
+        """Mask of units whose residual exceeds the precision, for step 3 of Algorithm 2."""
         return self.error > self.precision
 
     @property
     def offset_points(self) -> int:
-        """Offset points used: one for each unit that needed centres."""
+        """Number of off-surface points: one for each unit that needed centres."""
         return int((self.n_terms > 0).sum())
 
     def joined(self, other: LocalSurfaces) -> LocalSurfaces:
-        """Both sets of units, this one first."""
+        """Return both sets of units, this one first."""
         return joined(self, other)
 
 
 SMALLEST = 8
-"""Fewest points of a unit."""
+"""Smallest number of points in a unit."""
 
 
 def local_surfaces(
@@ -73,10 +73,10 @@ def local_surfaces(
     n_threads: int,
     precision: float | None = None,
 ) -> tuple[RuleBase, LocalSurfaces]:
-    """Reconstruct all units, and divide those that stay above the precision (Algorithm 2, step 3).
+    """Reconstruct all units, and divide those that miss the precision (Algorithm 2, step 3).
 
     A unit of half as many points is placed where the residual of its parent is largest; the parent
-    stays, with the lower weight that its residual gives it.
+    is kept with the lower weight that follows from its residual.
 
     Parameters
     ----------
@@ -86,9 +86,9 @@ def local_surfaces(
     Returns
     -------
     rules : RuleBase
-        With the rules of the new units at the end.
+        The rules, followed by those of the new units.
     surfaces : LocalSurfaces
-        One a rule.
+        One per rule.
     """
     surfaces = reconstruct_units(rules, points, normals, tree, n_threads, precision)
     divide = np.flatnonzero(surfaces.unresolved & (rules.n_neighbors >= 2 * SMALLEST))
@@ -114,30 +114,30 @@ def reconstruct_units(
     n_threads: int,
     precision: float | None = None,
 ) -> LocalSurfaces:
-    """Refine the local surface of every rule until its points are met.
+    """Refine the local surface of every rule until it fits its points.
 
-    The rough set starts with the point whose residual to the quadric is largest, and one offset
-    point of the unit (not of the points), above its middle, where the quadric's distance is kept.
-    While the largest residual exceeds the precision and the set is small enough, the point that has
-    it is appended and the function computed anew. Points of other faces bound the surface: at an
+    The rough set starts with the point whose residual to the quadric is largest, and with one
+    off-surface point per unit, above its middle, where the quadric's distance is kept. While the
+    largest residual exceeds the precision and the set is small enough, the point with that residual
+    is appended and the function is computed again. Points of other faces bound the surface: at an
     edge it may not cut them off.
 
     Parameters
     ----------
     rules : RuleBase
-        Oriented rules, one a unit.
+        Oriented rules, one per unit.
     points, normals : (n, 3) float64
         Distinct points and their oriented normals: only points on the side of the unit count.
     tree : KdTree
-        Over `points`.
+        Tree of `points`.
     n_threads : int
         Number of threads.
     precision : float, optional
-        Epsilon of all units, in the unit of `points`. The nearer half of the points, to which the
-        fit gives most of its weight, decides whether a unit is refined: the others are nearer to
-        other units. None takes the noise for the limit, no less than a small part of the radius,
-        and lets all points of a unit decide: overlap helps the accuracy, and takes two to four
-        times as many offset points.
+        Epsilon of all units, in the unit of `points`. The nearer half of the points, which have
+        most of the weight in the fit, decides whether a unit is refined: the others are closer to
+        other units. None derives the limit from the noise, at least a small part of the radius, and
+        lets all points of a unit decide: the overlap improves the accuracy, but needs two to four
+        times as many off-surface points.
 
     Returns
     -------

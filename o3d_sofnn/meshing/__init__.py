@@ -1,1 +1,1 @@
-"""Section 5: from the field to triangles."""
+"""Section 5: a triangle mesh from the field."""

@@ -1,4 +1,4 @@
-"""What the mesh carries: weights that bring attributes of points to it."""
+"""Attributes of the mesh: weights that transfer attributes from points to vertices."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ def attribute_weights(
     size: float,
     n_threads: int,
 ) -> scipy.sparse.csr_matrix:
-    """Weights that carry attributes from points to vertices.
+    """Return weights that transfer attributes from points to vertices.
 
     Parameters
     ----------
     vertices : (m, 3) float64
-        Where the attributes are wanted.
+        Positions at which attributes are wanted.
     distinct : (d, 3) float64
-        Where they are known.
+        Distinct positions at which they are known.
     inverse : (n,) int64
-        Place of each point among those.
+        Index of each point among the distinct positions.
     size : float
-        Distance over which a point counts.
+        Width of the Gaussian weights.
     n_threads : int
         Number of threads.
 
@@ -56,15 +56,15 @@ def attribute_weights(
 def carry(
     details: SurfaceEstimate, attributes: Mapping[str, NDArray[Any]]
 ) -> dict[str, NDArray[Any]]:
-    """Bring values per point to the vertices, in their number type; colours become shares.
+    """Transfer attributes of the points to the vertices, in their number type.
 
     Parameters
     ----------
     details : SurfaceEstimate
-        Of n points, with m vertices.
+        Surface of n points, with m vertices.
     attributes : mapping of str to (n, ...) array
-        Colours (as :func:`color_shares`) and floating-point values are blended; of others (labels)
-        that of the point with the largest weight is taken.
+        Colours (converted by :func:`color_shares`) and floating-point values are blended; other
+        attributes (labels) are taken from the point with the largest weight.
 
     Returns
     -------
@@ -79,7 +79,7 @@ def carry(
         if values.dtype.kind == "f":
             flat = values.reshape(len(values), -1).astype(np.float64)
             blended = (weights @ flat).reshape(-1, *values.shape[1:])
-            # Rounding may leave the range of the blended values, 1 for full intensity.
+            # Rounding errors may exceed the range of the blended values (1 for full intensity).
             blended = blended.clip(np.fmin.reduce(values), np.fmax.reduce(values))
             carried[name] = blended.astype(values.dtype)
         else:
@@ -88,12 +88,12 @@ def carry(
 
 
 def color_shares(colors: NDArray[Any]) -> NDArray[np.floating[Any]]:
-    """Return colours as shares of full intensity, 0 to 1; those in floating point are such.
+    """Return colours as fractions of full intensity, 0 to 1; floats are returned unchanged.
 
     Parameters
     ----------
     colors : (n, k) array
-        Integers are levels of 8 bits, or of 16 bits where the type or a value says so.
+        Integers have 8 bits, or 16 bits if the number type or a value requires it.
     """
     if colors.dtype.kind == "f":
         return colors

@@ -1,8 +1,8 @@
-"""Fewer triangles: edges collapsed where the surface changes least.
+"""Decimation: edges are collapsed where the surface changes least.
 
-Garland and Heckbert, "Surface simplification using quadric error metrics" (1997). A collapse is
-left out that would change the topology (Dey et al., "Topology preserving edge contraction", 1999),
-turn a triangle or make one cut another.
+Garland and Heckbert, "Surface simplification using quadric error metrics" (1997). Collapses that
+would change the topology (Dey et al., "Topology preserving edge contraction", 1999), flip a
+triangle or make triangles intersect are omitted.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from o3d_sofnn._kernels import decimate as native_decimate
 def decimate(
     vertices: NDArray[np.float64], triangles: NDArray[np.int32], target: int, n_threads: int = 1
 ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int64]]:
-    """Collapse edges: a manifold stays one, with the same pieces, handles and borders.
+    """Collapse edges of a manifold, keeping its connected components, handles and borders.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ def decimate(
     triangles : (t, 3) int32
         A manifold, with or without borders.
     target : int
-        Triangles wanted.
+        Number of triangles to keep.
     n_threads : int, default 1
         Number of threads.
 
@@ -32,10 +32,10 @@ def decimate(
     -------
     vertices : (v, 3) float64
     triangles : (k, 3) int32
-        `target` of them, or one less, or more where no edge is left that can be collapsed. None
-        cuts another one that did not do so before.
+        `target` triangles, or one less, or more if no further edge can be collapsed. No new
+        intersections of triangles.
     source : (v,) int64
-        A vertex of the input for each vertex.
+        For each vertex, a vertex of the input.
     """
     if target >= len(triangles):
         return vertices, triangles, np.arange(len(vertices))
@@ -44,7 +44,7 @@ def decimate(
 
 
 def unmet(target: int | None, count: int) -> tuple[str, ...]:
-    """Say what a target has become of which more triangles are left."""
+    """Return a warning if more triangles are left than the target."""
     if target is None or count <= target:
         return ()
     return (

@@ -1,4 +1,4 @@
-"""Stage 9: sparse isosurface. Cubes with data and those the surface leads to until it closes."""
+"""Stage 9: extraction of the mesh, followed by smoothing, sharpening, closing and decimation."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from o3d_sofnn.implicit.field import Field
 
 FAR = 2.0 * EDGE - 0.45
-"""Distance beyond the data, over the spacing, from which on it does not matter how far: averaging
+"""Distance beyond the data, divided by the spacing, at which distances are clipped. Averaging then
 leaves a straight border in its place, as samples are 0.45 spacings from places between them."""
 
 
@@ -34,7 +34,7 @@ def mesh(
     target: int | None,
     n_threads: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64], Closing | None]:
-    """Triangulate a field, and do to the triangles what the user wants.
+    """Triangulate a field, and trim and decimate the mesh as the user wants.
 
     Parameters
     ----------
@@ -45,9 +45,10 @@ def mesh(
     size, levels
         As in :func:`extract`.
     border : Judge or float or None
-        Who says where the surface ends, or the confidence at which it does; None for nowhere.
+        A judge that decides where the surface ends, or the confidence at which it ends; None for a
+        closed surface.
     target : int or None
-        Triangles to be left, or as few as can be.
+        Number of triangles to keep; None keeps all.
     n_threads : int
         Number of threads.
 
@@ -58,7 +59,7 @@ def mesh(
     confidence : (v,) float64
         Support by the data.
     closing : Closing or None
-        What was decided, if there is a judge.
+        The decision, if there is a judge.
 
     Raises
     ------
@@ -71,7 +72,7 @@ def mesh(
         vertices = vertices[used]
     relaxed, confidence = relax(vertices, triangles, implicit)
     moved = sharpen(relaxed, triangles, implicit)
-    # What noise leaves of roughness is no curvature.
+    # Roughness caused by noise is not curvature.
     moved = balance_chords(moved, triangles, 1.0 - implicit.noisiness)
     vertices = untangle([vertices, relaxed, moved], triangles, n_threads)
     vertices, triangles, source = open_handles(vertices, triangles, implicit.spacing_at, n_threads)

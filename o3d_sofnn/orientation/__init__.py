@@ -1,1 +1,1 @@
-"""One side for every rule: winding number, viewpoints, sheets, confidence."""
+"""Orientation of the rules: winding number, viewpoints, sheets, confidence."""

@@ -1,4 +1,4 @@
-"""Connected pieces of the rule base, and sides that follow those of rules."""
+"""Connected components of the rule base, and sides of points that follow those of rules."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def turn_along(
     replaced: NDArray[np.bool_],
     n_threads: int,
 ) -> NDArray[np.float64]:
-    """Turn the sides of points whose rule has been turned.
+    """Flip the sides of points whose rule was flipped.
 
     Parameters
     ----------
@@ -28,15 +28,15 @@ def turn_along(
     before, after : RuleBase
         The same rules with other signs.
     replaced : (r,) bool
-        Rules that have a new sign whatever it was before: points follow the nearest of them, if one
-        is among the four nearest rules.
+        Rules whose sign was decided independently of the earlier one: points follow the nearest of
+        these, if one is among the four nearest rules.
     n_threads : int
         Number of threads.
 
     Returns
     -------
     (n, 3) float64
-        Elsewhere a point follows the nearest of four rules that was on its side.
+        New sides. Other points follow the nearest of four rules that was on their side.
     """
     turned = np.einsum("rd,rd->r", before.normals, after.normals) < 0.0
     if not (turned.any() or replaced.any()):
@@ -52,7 +52,7 @@ def turn_along(
 
 
 def pieces(rules: RuleBase, n_threads: int) -> NDArray[np.int64]:
-    """Give each connected piece of the rule base (rules within each other's radius) a number.
+    """Find the connected components of the rule base (rules within each other's radius).
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def pieces(rules: RuleBase, n_threads: int) -> NDArray[np.int64]:
     Returns
     -------
     (r,) int64
-        Piece of each rule.
+        Component of each rule.
     """
     k = min(9, len(rules))
     tree = KdTree(rules.feet, n_threads)

@@ -1,4 +1,4 @@
-"""Winding number of the rules in front of them and behind them: what is closed, and how surely."""
+"""Winding number in front of and behind the rules: which parts are closed, and how certainly."""
 
 from __future__ import annotations
 
@@ -12,36 +12,36 @@ from o3d_sofnn.orientation.winding_normals import OPENING
 from o3d_sofnn.rules.rule_base import RuleBase
 
 PREFERENCE = 0.05
-"""Mean winding number on a piece below which neither of its sides is the outer one: 1/2 on a closed
-surface, 0 on a plane."""
+"""Mean winding number on a component below which neither of its sides is the outer one. It is 1/2
+on a closed surface and 0 on a plane."""
 
 
 SHEET = 9
-"""Rules from which on a piece may be a sheet: what the winding number of fewer says is chance."""
+"""Smallest number of rules in a sheet: the winding number of fewer rules is random."""
 
 
 CLOSED = 0.82
-"""Share of a piece with nothing in front of it from which on it counts as closed."""
+"""Share of a component with nothing in front of it above which it counts as closed."""
 
 
 def certainty(rules: RuleBase, settled: bool, n_threads: int) -> NDArray[np.float64]:
-    """How far the winding number falls from one spacing behind each rule to one in front of it.
+    """Return how far the winding number falls from behind each rule to its front.
 
     Parameters
     ----------
     rules : RuleBase
         Oriented rules.
     settled : bool
-        The user has said which side is which.
+        Whether the user decided the sides.
     n_threads : int
         Number of threads.
 
     Returns
     -------
     (r,) float64
-        1 where both sides are clear, less on parts thinner than two spacings and where neighbours
-        disagree, 0 where the rule faces against what surrounds it and, unless `settled`, where
-        its side is a toss of a coin.
+        The fall from one spacing behind to one spacing in front: 1 where both sides are clear, less
+        on parts thinner than two spacings and where neighbours disagree, 0 where the rule faces the
+        opposite way to its surroundings and, unless `settled`, where its side is arbitrary.
     """
     front, behind, on = winding_before(rules, (1.0, -1.0, 0.0), n_threads)
     sure = np.clip(behind - front, 0.0, 1.0)
@@ -49,7 +49,7 @@ def certainty(rules: RuleBase, settled: bool, n_threads: int) -> NDArray[np.floa
 
 
 def undecided(rules: RuleBase, n_threads: int) -> NDArray[np.bool_]:
-    """Whether the side of the piece that each rule belongs to is a toss of a coin.
+    """Mark rules on connected components that have no outer side.
 
     Parameters
     ----------
@@ -61,13 +61,13 @@ def undecided(rules: RuleBase, n_threads: int) -> NDArray[np.bool_]:
     Returns
     -------
     (r,) bool
-        True where the winding number is as often above as below zero on the piece.
+        True where the winding number on the component is as often above zero as below.
     """
     return _balanced(rules, winding_before(rules, (0.0,), n_threads)[0], n_threads)
 
 
 def _balanced(rules: RuleBase, winding: NDArray[np.float64], n_threads: int) -> NDArray[np.bool_]:
-    """Whether the winding number on the piece that each rule belongs to is zero in the mean."""
+    """Mark rules on components whose mean winding number is zero."""
     piece = pieces(rules, n_threads)
     level = np.bincount(piece, rules.areas * winding)
     balanced = np.abs(level) < PREFERENCE * np.bincount(piece, rules.areas)
@@ -75,16 +75,16 @@ def _balanced(rules: RuleBase, winding: NDArray[np.float64], n_threads: int) -> 
 
 
 SMOOTH = 0.7
-"""Smoothing width of the winding number of rules, over their spacing."""
+"""Smoothing width of the winding number of rules, divided by their spacing."""
 
 
 AROUND = 16
-"""Rules whose median says how far apart they are at a place: closer to sparse ones than their
-spacing the winding number says nothing of sides."""
+"""Number of rules whose median gives the local spacing of rules: closer to sparse rules than their
+spacing, the winding number is no evidence of sides."""
 
 
 def empty_in_front(rules: RuleBase, n_threads: int) -> NDArray[np.bool_]:
-    """Whether the winding number one spacing in front of each rule is that of the outside.
+    """Mark rules with the winding number of the outside one spacing in front of them.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def empty_in_front(rules: RuleBase, n_threads: int) -> NDArray[np.bool_]:
     Returns
     -------
     (r,) bool
-        True nearly everywhere on a closed surface, on less than half of an open one.
+        True nearly everywhere on a closed surface, and on less than half of an open one.
     """
     return np.asarray(np.abs(winding_before(rules, (1.0,), n_threads)[0]) < 0.25)
 
@@ -104,21 +104,21 @@ def empty_in_front(rules: RuleBase, n_threads: int) -> NDArray[np.bool_]:
 def winding_before(
     rules: RuleBase, steps: tuple[float, ...], n_threads: int
 ) -> list[NDArray[np.float64]]:
-    """Winding number of the rules so many spacings in front of each of them.
+    """Evaluate the winding number of the rules in front of each of them.
 
     Parameters
     ----------
     rules : RuleBase
         Oriented rules.
     steps : tuple of float
-        Steps along the normals, over the spacing of the rules around each of them.
+        Distances along the normals, in units of the spacing of the surrounding rules.
     n_threads : int
         Number of threads.
 
     Returns
     -------
     list of (r,) float64
-        One for each step.
+        Winding numbers, one array per step.
     """
     feet, normals = rules.feet, rules.normals
     index = KdTree(feet, n_threads)

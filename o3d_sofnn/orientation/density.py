@@ -1,4 +1,4 @@
-"""Stage 5: the density of points that scanners make, and where they must have stood for it."""
+"""Stage 5: a model of the point density that scanners produce, fitted to find their positions."""
 
 from __future__ import annotations
 
@@ -13,32 +13,33 @@ Array = NDArray[np.float64]
 
 
 GRAZING, POLE = 0.15, 0.1
-"""Least cosine of incidence, and of elevation, in the model: no real density is infinite."""
+"""Smallest cosines of incidence and of elevation in the model: no real density is infinite."""
 
 
 STEPS, GONE = 30, 50.0
-"""Most steps of a fit, and distance from the scene, over its size, at which a station is lost."""
+"""Largest number of steps of a fit, and distance from the scene, divided by its size, at which a
+station is given up."""
 
 
 NEAR = 1e-6
-"""Least range, over the size of the scene."""
+"""Smallest range, divided by the size of the scene."""
 
 
 AXIS = np.array([0.0, 0.0, 1.0])
-"""Axis that scanners turn about: their rays crowd towards it."""
+"""Axis about which scanners turn: their rays are densest near it."""
 
 
 FOLLOWED, JOINED = 8, 3
-"""Starts that are followed to the end, and pairs of places that a third one joins."""
+"""Number of starts that are iterated to convergence, and of pairs extended by a third place."""
 
 
 ROUGHLY = 5
-"""One place of so many is looked at to choose the starts."""
+"""Every so many-th place is used to choose the starts."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Stations, (k, 3), and the spread of the density that they leave."""
+    """Stations, (k, 3), and the spread of the density that they leave unexplained."""
 
     stations: Array
     spread: float
@@ -46,7 +47,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class Density:
-    """Density of a cloud, and what stations make of it.
+    """Density of a cloud, and how well stations explain it.
 
     Attributes
     ----------
@@ -55,9 +56,9 @@ class Density:
     areas : (p,) float64
         Logarithm of the area that one point covers there.
     turning : bool
-        Whether scanners turn about the vertical.
+        Whether the scanners turn about the vertical.
     middle, size : (3,) float64 and float
-        Of the scene: median, and root mean square of the distances from it.
+        Median of the scene, and root mean square of the distances from it.
     """
 
     places: Array
@@ -69,13 +70,13 @@ class Density:
 
     @classmethod
     def of(cls, discs: Discs, turning: bool) -> Density:
-        """Return the density at discs."""
+        """Return the density at the discs."""
         middle = np.median(discs.places, axis=0)
         size = float(np.sqrt(((discs.places - middle) ** 2).sum(axis=1).mean()))
         return cls(discs.places, discs.normals, np.log(discs.areas), turning, middle, size)
 
     def starts(self) -> Array:
-        """Places around and within the scene, and beside the places where points are densest."""
+        """Return places around and within the scene, and beside the densest points."""
         grid = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
         ways = grid[np.abs(grid).sum(axis=1) > 0.0]
         ways /= np.linalg.norm(ways, axis=1)[:, None]
@@ -92,9 +93,9 @@ class Density:
         return np.concatenate([self.middle[None], *around, *beside])
 
     def fits(self, count: int, known: list[Fit]) -> list[Fit]:
-        """Find places of so many stations, each fit followed from another start.
+        """Fit the places of `count` stations, each fit from another start.
 
-        A start is one place, a pair of places, or one of the known pairs with one more place.
+        A start is one place, a pair of places, or a known pair with a third place.
         """
         starts = self.starts()
         if count == 1:
@@ -108,11 +109,11 @@ class Density:
         return [self.followed(trials[row]) for row in order[:FOLLOWED]]
 
     def errors(self, stations: Array) -> Array:
-        """Logarithm of the area over what the stations, (k, 3), make of it, (p,)."""
+        """Return the logarithm of the area, divided by the area expected from (k, 3) stations."""
         return np.asarray(self.areas + np.log(sum(self._gain(place)[0] for place in stations)))
 
     def spread(self, stations: Array) -> float:
-        """Return how much that scatters."""
+        """Return the spread of the errors."""
         return spread_of(self.errors(stations))
 
     def _thinned(self) -> Density:
@@ -122,7 +123,7 @@ class Density:
         )
 
     def spreads(self, trials: Array) -> Array:
-        """Spread that each of the trials, (t, k, 3), leaves, (t,)."""
+        """Return the spread, (t,), that each of the trials, (t, k, 3), leaves."""
         places, index = np.unique(trials.reshape(-1, 3), axis=0, return_inverse=True)
         gains = np.array([self._gain(place)[0] for place in places])
         total = gains[index.reshape(trials.shape[:2])].sum(axis=1)
@@ -131,13 +132,13 @@ class Density:
         return np.asarray(np.median(np.abs(errors - middle), axis=1))
 
     def slopes(self, stations: Array) -> Array:
-        """Return the derivatives of the errors by the stations, (p, 3k)."""
+        """Return the derivatives, (p, 3k), of the errors with respect to the stations."""
         gains, slopes = zip(*map(self._gain, stations), strict=True)
         total = np.sum(gains, axis=0)
         return np.hstack([(g / total)[:, None] * s for g, s in zip(gains, slopes, strict=True)])
 
     def _gain(self, place: Array) -> tuple[Array, Array]:
-        """Points per area that a station makes, (p,), and the slopes of its logarithm, (p, 3)."""
+        """Return the density from a station, (p,), and the gradient of its logarithm, (p, 3)."""
         ray = self.places - place
         square = (ray**2).sum(axis=1) + (NEAR * self.size) ** 2
         gain = 1.0 / square
@@ -154,7 +155,7 @@ class Density:
         return gain, slope
 
     def followed(self, stations: Array) -> Fit:
-        """Move the stations to where the errors spread least: Gauss-Newton, Tukey's weights."""
+        """Move the stations to minimise the spread, by Gauss-Newton with Tukey's weights."""
         errors = self.errors(stations)
         best, damping = spread_of(errors), 1e-2
         for _ in range(STEPS):
@@ -184,7 +185,7 @@ class Density:
 
 
 def _squared_cosine(ray: Array, square: Array, normals: Array) -> tuple[Array, Array]:
-    """Squared cosine between rays and normals, and its derivative by where the rays begin."""
+    """Return the squared cosine between rays and normals, and its gradient in the rays' origin."""
     product = (ray * normals).sum(axis=1)
     cosine = product / square
     slopes = 2.0 * cosine[:, None] * (cosine[:, None] * ray - normals)
@@ -192,5 +193,5 @@ def _squared_cosine(ray: Array, square: Array, normals: Array) -> tuple[Array, A
 
 
 def spread_of(values: Array) -> float:
-    """Median of absolute deviations."""
+    """Return the median absolute deviation."""
     return float(np.median(np.abs(values - np.median(values))))

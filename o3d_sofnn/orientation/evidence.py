@@ -1,4 +1,4 @@
-"""Stage 5: where the points were seen from: told by the user, or found in the points."""
+"""Stage 5: where the points were seen from, given by the user or found from the points."""
 
 from __future__ import annotations
 
@@ -21,30 +21,31 @@ Array = NDArray[np.float64]
 
 
 CLEAR = 0.03
-"""Cosine from which on a normal clearly faces away from a station that was found: less is the error
-of the normal or of the station (none to 0.2 tried on made scenes: 0.03 to 0.1 flip least)."""
+"""Cosine above which a normal clearly faces away from a station that was found: smaller ones may be
+errors of the normal or of the station. Of 0 to 0.2, tried on synthetic scenes, 0.03 to 0.1 leave
+the fewest flipped normals."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the sides of the normals were decided by.
+    """How the sides of the normals were decided.
 
     Attributes
     ----------
     kind : str
-        "normals", "viewpoint" or "towards" where the user has told; "depth image" or "density"
-        where the points tell where the sensor stood; "height field", "camera" or "one side" where
-        an open surface shows one side to a place; "outward" where the winding number alone decides.
+        "normals", "viewpoint" or "towards" if the user decided; "depth image" or "density" if the
+        points reveal where the sensor stood; "height field", "camera" or "one side" if an open
+        surface shows one side to a place; "outward" if the winding number alone decides.
     text : str
         The decision in a sentence, with its figures.
     figures : dict of str to float
         What was measured, by name.
     sight : Sight, optional
-        From where the points were seen, in their coordinates.
+        Where the points were seen from, in their coordinates.
     sure : bool
-        Whether that holds for all points, and not for open surfaces only.
+        Whether this applies to all points, not only to open surfaces.
     warnings : tuple of str
-        Said where the decision is a guess.
+        Warnings, if the decision is a guess.
     """
 
     kind: str
@@ -56,12 +57,12 @@ class Evidence:
 
     @property
     def decided(self) -> bool:
-        """Whether more than the shape speaks for the sides."""
+        """Whether there is more evidence for the sides than the shape."""
         return self.kind not in ("one side", "outward")
 
     @property
     def viewpoint(self) -> Array | None:
-        """Place, (3,), that all points were seen from, or one for each, (n, 3), if known."""
+        """The viewpoint of all points, (3,), or of each, (n, 3), if known."""
         if isinstance(self.sight, Rows):
             return self.sight.places
         if isinstance(self.sight, Station) and not self.sight.far:
@@ -69,13 +70,13 @@ class Evidence:
         return None
 
     def directions(self, points: Array) -> Array | None:
-        """Vectors, (n, 3), of any length from points to where they were seen from, if known."""
+        """Return vectors, (n, 3), of any length from points to their viewpoints, if known."""
         return self.sight.directions(points) if self.sight is not None and self.sure else None
 
     def turned(self, points: Array, normals: Array) -> Array:
-        """Turn normals, (n, 3), that clearly face away from where their points were seen.
+        """Flip normals, (n, 3), that clearly face away from the viewpoint of their points.
 
-        A viewpoint that the user has given is obeyed to the letter.
+        If the user gave the viewpoint, all normals that face away from it are flipped.
         """
         directions = self.directions(points)
         if directions is None:
@@ -86,7 +87,7 @@ class Evidence:
 
 
 def told(normals: Array | None, viewpoint: Array | None, towards: Array | None) -> Evidence | None:
-    """Return what the user has said of the sides, None for nothing.
+    """Return what the user specified about the sides, or None.
 
     Parameters
     ----------
@@ -116,18 +117,18 @@ def found(points: Array, samples: Samples, frame: Frame, n_threads: int) -> Evid
     Parameters
     ----------
     points : (n, 3) float64
-        In the user's coordinates.
+        Points in the user's coordinates.
     samples : Samples
-        Of them, in the unit cube.
+        Samples of these points, in the unit cube.
     frame : Frame
-        That cube.
+        The unit cube.
     n_threads : int
         Number of threads.
 
     Returns
     -------
     Evidence or None
-        None where the points do not tell.
+        None if the points do not reveal it.
     """
     if is_depth_image(points):
         text = "sides: every point faces the origin, where the camera of this depth image stood"

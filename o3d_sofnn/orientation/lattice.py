@@ -1,4 +1,4 @@
-"""Stage 5: clouds that a camera at the origin has made: their pixels are still there."""
+"""Stage 5: recognise depth images of a camera at the origin by their pixel lattice."""
 
 from __future__ import annotations
 
@@ -6,30 +6,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 ASKED = 8000
-"""Points whose pixels are looked at."""
+"""Number of points whose pixels are examined."""
 
 
 DEPTHS = 1.05
-"""Least ratio of the far depths to the near ones: of a plane that faces the camera any place sees a
-lattice."""
+"""Smallest ratio of far to near depths: a plane that faces the camera looks like a lattice from any
+place."""
 
 
 SAME, WHOLE, MOST = 1e-5, 0.1, 0.95
-"""Distance of columns, over the width of the picture, that are the same one; largest distance of a
-gap from a whole number of pixels; least share of gaps like that."""
+"""Largest distance within one column, divided by the width of the image; largest deviation of a
+gap from a whole number of pixels; smallest share of such gaps."""
 
 
 def is_depth_image(points: NDArray[np.float64]) -> bool:
-    """Tell whether a camera at the origin has made the points.
+    """Return whether the points are a depth image of a camera at the origin.
 
-    A depth camera looks along an axis of its coordinates and sees a lattice: the coordinates over
-    the depth are few numbers at equal distances, whatever is in front of the camera, as long as
-    nobody moves or resamples the cloud.
+    A depth camera looks along an axis of its coordinates and sees a lattice: coordinates divided by
+    the depth take few values at equal distances, whatever is in front of the camera, unless the
+    cloud was moved or resampled.
 
     Parameters
     ----------
     points : (n, 3) float64
-        In the user's coordinates.
+        Points in the user's coordinates.
 
     Returns
     -------
@@ -48,7 +48,7 @@ def is_depth_image(points: NDArray[np.float64]) -> bool:
 
 
 def _in_steps(values: NDArray[np.float64]) -> bool:
-    """Whether the values, (n,), are much fewer than n, at equal distances."""
+    """Return whether n values take far fewer than n distinct values, at equal distances."""
     gaps = np.diff(np.sort(values))
     gaps = np.sort(gaps[gaps > SAME * np.ptp(values)])
     if not 1 < len(gaps) < 0.5 * len(values):

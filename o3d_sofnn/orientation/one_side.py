@@ -1,4 +1,4 @@
-"""Stage 5: open surfaces that show one side to a place or a direction, and which side that is."""
+"""Stage 5: open surfaces that show only one side to some place or direction, and which side."""
 
 from __future__ import annotations
 
@@ -17,29 +17,30 @@ Array = NDArray[np.float64]
 
 
 ONE_SIDED = 0.13
-"""Largest share that is hidden from where an open surface shows one side. Measured: at most 0.09 on
-14 open scans, at least 0.15 on 40 solids from the best of the directions."""
+"""Largest hidden share of an open surface that shows one side to a place. Measured: at most 0.09 on
+14 open scans, at least 0.15 on 40 solids from the best direction."""
 
 
 DIRECTIONS, ASKED = 75, (500, 1000)
-"""Axes that are tried, and discs that are asked, of each and of the best one."""
+"""Number of axes that are tried, and of discs tested for each axis and for the best one."""
 
 
 GROUND, LOW, SUNK = (0.9, 0.3), 0.7, 0.12
-"""Of ground seen from above: least cosine of level parts with z and least share of the area that is
-level; largest height of all over the smaller extent (standard deviations); largest mean winding
-number on the level parts: more is an object that is open below, or a room."""
+"""Limits for ground seen from above: smallest cosine between z and the normals of level parts, and
+smallest level share of the area; largest height, divided by the smaller horizontal extent (standard
+deviations); largest mean winding number on the level parts: a larger one indicates an object that
+is open below, or a room."""
 
 
 CONE, AHEAD, DEPTHS, MOVED = 0.7, 0.94, 1.5, 0.2
-"""Of a cloud in a camera's frame: least cosine of its points, and of its middle with an axis, as
-seen from the origin; least ratio of far ranges to near ones; largest share that is hidden, since
-the camera moves."""
+"""Limits for a cloud in a camera's coordinates: smallest cosine between an axis and its points, and
+between an axis and its middle, as seen from the origin; smallest ratio of far to near ranges;
+largest hidden share, since the camera may have moved."""
 
 
 MEAN = 0.01
-"""Least length of the mean normal: that of one side is 0.3 or more, of symmetric points it is
-rounding alone."""
+"""Smallest length of the mean normal: for one-sided surfaces it is at least 0.3, for symmetric
+points it is only rounding error."""
 
 
 ABOVE = Station(np.array([0.0, 0.0, 1.0]), far=True)
@@ -47,14 +48,14 @@ ABOVE = Station(np.array([0.0, 0.0, 1.0]), far=True)
 
 @dataclass(frozen=True)
 class View:
-    """Where a surface shows one side to.
+    """A place or direction to which a surface shows only one side.
 
     Attributes
     ----------
     kind : str
         "density", "height field", "camera" or "one side".
     station : Station
-        Where.
+        The place or direction.
     hidden : float
         Share of the area that is hidden from there.
     """
@@ -65,14 +66,14 @@ class View:
 
 
 def common_view(rules: RuleBase, winding: Array, origin: Array, n_threads: int) -> View | None:
-    """Find a place or a direction that an open surface shows one side to.
+    """Find a place or a direction to which an open surface shows only one side.
 
     Parameters
     ----------
     rules : RuleBase
         Oriented rules of the open surface.
     winding : (r,) float64
-        Winding number on them.
+        Winding number at the rules.
     origin : (3,) float64
         Origin of the user's coordinates.
     n_threads : int
@@ -81,7 +82,7 @@ def common_view(rules: RuleBase, winding: Array, origin: Array, n_threads: int) 
     Returns
     -------
     View or None
-        None where too much is hidden from everywhere.
+        None if too much is hidden from everywhere.
     """
     rows = np.linspace(0, len(rules) - 1, min(len(rules), DISCS)).astype(np.int64)
     places = np.ascontiguousarray(rules.feet[rows])
@@ -106,7 +107,7 @@ def common_view(rules: RuleBase, winding: Array, origin: Array, n_threads: int) 
 
 
 def _hidden_share(discs: Discs, station: Station, asked: int) -> float:
-    """Share of the area that is hidden from a station."""
+    """Return the share of the area that is hidden from a station."""
     n = len(discs.places)
     rows = np.linspace(0, n - 1, min(n, asked)).astype(np.int64)
     areas = discs.areas[rows]
@@ -114,7 +115,7 @@ def _hidden_share(discs: Discs, station: Station, asked: int) -> float:
 
 
 def _is_ground(discs: Discs, level: NDArray[np.bool_], winding: Array) -> bool:
-    """Whether much of the surface is level, and neither the top of an object nor a floor."""
+    """Return whether much of the surface is level, but neither the top of an object nor a floor."""
     share = discs.areas[level].sum() / discs.areas.sum()
     if share < GROUND[1]:
         return False
@@ -125,7 +126,7 @@ def _is_ground(discs: Discs, level: NDArray[np.bool_], winding: Array) -> bool:
 
 
 def _is_ahead(discs: Discs, origin: Array) -> bool:
-    """Whether all is in front of a camera at the origin that looks along an axis."""
+    """Return whether everything is in front of a camera at the origin that looks along an axis."""
     rays = discs.places - origin
     ranges = np.linalg.norm(rays, axis=1)
     near, far = np.quantile(ranges, [0.02, 0.98])
@@ -135,7 +136,7 @@ def _is_ahead(discs: Discs, origin: Array) -> bool:
 
 
 def _axes(discs: Discs) -> Array:
-    """Directions over half a sphere, z, and the mean normal if there is one."""
+    """Return directions over half a sphere, z, and the mean normal if there is one."""
     mean = discs.areas @ discs.normals / discs.areas.sum()
     own = unit(mean[None]) if np.linalg.norm(mean) >= MEAN else np.empty((0, 3))
     return np.vstack([own, ABOVE.place, even_directions(2 * DIRECTIONS)[:DIRECTIONS]])

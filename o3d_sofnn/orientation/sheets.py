@@ -1,4 +1,4 @@
-"""Stage 5: sides of connected pieces: open sheets, and what the user wants them to face."""
+"""Stage 5: sides of open sheets, and of the connected components of the rules."""
 
 from __future__ import annotations
 
@@ -26,55 +26,55 @@ from o3d_sofnn.orientation.visibility import Partly, Station
 from o3d_sofnn.rules.rule_base import RuleBase
 
 ALIKE = 0.7
-"""Least cosine between the planes of neighbouring rules that hand on a sign."""
+"""Smallest cosine between the planes of neighbouring rules that propagate a sign."""
 
 
 NOISY = (5.0, 0.05, 0.02)
-"""Largest rise over the noise of a step between the two sides that the winding number makes of one
-noisy sheet (3.2 for halves of a Gaussian), least share of such steps in a piece like that, and
-largest share of the contradictions that stay when it is made one sheet (more do on thin arms)."""
+"""The winding number may see one noisy sheet as two sides. Largest rise of a step between these
+sides, divided by the noise (3.2 for halves of a Gaussian); smallest share of such steps in the
+component; largest share of contradictions left when it is made one sheet (thin arms leave more)."""
 
 
 PATCH = 100, 0.1
-"""Rules that an open sheet has at least, or share of all if that is less: the tips of thin arms are
-smaller pieces of the tree."""
+"""Smallest number of rules in an open sheet, or smallest share of all rules if that is less: the
+tips of thin arms are smaller components of the tree."""
 
 
 SHARE = 0.01
-"""Share of the surface from which on a piece without a preferred side is worth a warning."""
+"""Share of the surface above which components without a preferred side lead to a warning."""
 
 
 RISE = 0.7
-"""Largest rise of the step between them over both planes together, over its length."""
+"""Largest sum of the rises of such a step from the two planes, divided by the step's length."""
 
 
 def unify(
     rules: RuleBase, empty: NDArray[np.bool_], n_threads: int
 ) -> tuple[RuleBase, NDArray[np.bool_], NDArray[np.int64]]:
-    """Make sheets consistent that the winding number cannot decide: open ones.
+    """Make open sheets consistent, whose sides the winding number cannot decide.
 
-    Hoppe et al. 1992: signs are handed on along a spanning tree of the rules whose edges prefer
+    Hoppe et al. 1992: signs are propagated along a spanning tree of the rules whose edges prefer
     equal tangent planes; only edges that run along the surface count, so that the sides of a thin
-    wall are not joined. The tree replaces the winding number's signs only on a connected piece that
-    is open (one spacing in front of it the winding number is not zero, or its two sides are no
-    farther apart than noise alone would put them) and only when it leaves less than half as many
-    edges in contradiction; the whole piece keeps the side that most of it had.
+    wall are not joined. The tree replaces the winding number's signs only on a connected component
+    that is open (the winding number one spacing in front of it is not zero, or its two sides are no
+    farther apart than noise alone would put them) and only if it leaves less than half as many
+    contradicting edges; the component keeps the side that most of it had.
 
     Parameters
     ----------
     rules : RuleBase
         Rules with the signs of the winding number.
     empty : (r,) bool
-        Whether nothing is in front of each of them.
+        Whether there is nothing in front of each rule.
     n_threads : int
         Number of threads.
 
     Returns
     -------
     rules : RuleBase
-        The same rules turned.
+        The same rules, oriented consistently.
     replaced : (r,) bool
-        Rules that have their sign from the tree.
+        Rules whose sign comes from the tree.
     sheet : (r,) int64
         Number of the sheet that each rule belongs to.
     """
@@ -114,7 +114,7 @@ def unify(
 def _signs_along(
     tree: scipy.sparse.csr_matrix, normals: NDArray[np.float64], piece: NDArray[np.int32]
 ) -> NDArray[np.float64]:
-    """Sign of each node relative to the first one of its piece, multiplied along the tree."""
+    """Return the sign of each node relative to the first of its component, along the tree."""
     n = len(normals)
     first = np.unique(piece, return_index=True)[1]
     rows = np.concatenate([np.full(len(first), n), tree.tocoo().row])
@@ -141,9 +141,9 @@ def settle(
     frame: Frame,
     n_threads: int,
 ) -> tuple[RuleBase, NDArray[np.float64], Evidence]:
-    """Give open surfaces the side that was seen.
+    """Turn open surfaces towards the place they were seen from.
 
-    Closed pieces keep the sides of the winding number: they face outwards.
+    Closed components keep the sides of the winding number: they face outward.
 
     Parameters
     ----------
@@ -152,20 +152,20 @@ def settle(
     sides, points : (n, 3) float64
         Points and their sides, consistent with the rules.
     doubtful : Evidence or None
-        A station that is believed of open surfaces only.
+        A station that is trusted for open surfaces only.
     frame : Frame
-        The unit cube that all of this is in.
+        The unit cube of the rules and points.
     n_threads : int
         Number of threads.
 
     Returns
     -------
     rules : RuleBase
-        The same rules turned.
+        The rules with their new sides.
     sides : (n, 3) float64
-        The same sides turned.
+        The new sides of the points.
     evidence : Evidence
-        What has decided.
+        How the sides were decided.
     """
     empty = empty_in_front(rules, n_threads)
     turned, replaced, sheet = unify(rules, empty, n_threads)
@@ -206,7 +206,7 @@ def _view_of(doubtful: Evidence | None, frame: Frame) -> View | None:
 def _sheets_along(
     directions: NDArray[np.float64], rules: RuleBase, sheet: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """Turn large sheets as a whole to a direction that they clearly face; normals, (r, 3)."""
+    """Turn large sheets as a whole to a direction they clearly face; return normals, (r, 3)."""
     facing = np.einsum("rd,rd->r", rules.normals, directions)
     lean = np.bincount(sheet, rules.areas * facing) / np.bincount(sheet, rules.areas)
     large = np.bincount(sheet) >= min(PATCH[0], PATCH[1] * len(rules))
@@ -215,17 +215,17 @@ def _sheets_along(
 
 
 def _open_rules(rules: RuleBase, empty: NDArray[np.bool_], n_threads: int) -> NDArray[np.bool_]:
-    """Rules of pieces that are open: they have something in front of them, or are too small."""
+    """Mark rules of open components: those with something in front of them, or too small."""
     piece, areas = pieces(rules, n_threads), rules.areas
     closed = np.bincount(piece, areas * empty) / np.bincount(piece, areas)
     return np.asarray((closed < CLOSED)[piece] | (np.bincount(piece) < SHEET)[piece])
 
 
 TEXTS = {
-    "density": "the scanner, where the density of the points says that it stood",
-    "height field": "up, as level ground does that is seen from above",
-    "camera": "the origin, as in the frame of a camera that has not moved far",
-    "one side": "where they look convex from",
+    "density": "the scanner, whose position follows from the density of the points",
+    "height field": "up, like level ground seen from above",
+    "camera": "the origin, like the images of a camera that has not moved far",
+    "one side": "the direction from which they look convex",
 }
 
 
@@ -239,24 +239,24 @@ def _seen(view: View, share: float, sight: Partly) -> Evidence:
 
 
 def face_up(rules: RuleBase, toss: NDArray[np.bool_]) -> tuple[RuleBase, tuple[str, ...]]:
-    """Turn the pieces that have no outside up, all of them together.
+    """Turn all components without an outer side up, as a whole.
 
-    Elsewhere the winding number has decided: closed surfaces face outwards, an open sheet faces the
-    side from which it looks convex as a whole (a bowl its outside, a room that of its walls).
+    Elsewhere the winding number has decided: closed surfaces face outward, an open sheet faces the
+    side from which it looks convex as a whole (a bowl and the walls of a room face their outside).
 
     Parameters
     ----------
     rules : RuleBase
         Oriented rules.
     toss : (r,) bool
-        Rules of those pieces.
+        Rules of those components.
 
     Returns
     -------
     rules : RuleBase
-        The mean normal of those pieces has a positive z; when it is level, a positive y or x.
+        The mean normal of those components has a positive z or, if it is level, a positive y or x.
     warnings : tuple of str
-        Names the share of the surface that this is.
+        A warning that states their share of the surface.
     """
     share = float(rules.areas[toss].sum() / rules.areas.sum())
     if not share:
@@ -267,6 +267,6 @@ def face_up(rules: RuleBase, toss: NDArray[np.bool_]) -> tuple[RuleBase, tuple[s
     if share < SHARE:
         return turned, ()
     return turned, (
-        f"{100.0 * share:.0f} % of the surface are open sheets of which neither side is the outer "
-        "one: they face up; give viewpoint or towards to choose",
+        f"{100.0 * share:.0f} % of the surface are open sheets without an outer side: they face "
+        "up; give viewpoint or towards to choose",
     )

@@ -17,77 +17,80 @@ Array = NDArray[np.float64]
 
 
 ASKED = 1500
-"""Discs whose density is looked at, and whose view."""
+"""Number of discs whose density and visibility are examined."""
 
 
 UNEVEN = 0.2, 0.7
-"""Spread of the logarithm of the area per point from which on a station is looked for, and several
-together: with less there is too little to explain."""
+"""Spread of the logarithm of the area per point above which one station, or several together, are
+searched for: with less there is too little to explain."""
 
 
 EXPLAINED, WELL = (0.45, 0.12), 0.15
-"""Largest share of that spread that one station leaves, and that several leave; with less than the
-last no further station is looked for."""
+"""Largest share of that spread that one station may leave unexplained, and that several may leave;
+below the last value no further station is searched for."""
 
 
 FEWER = 2.0
-"""Spread up to which fewer stations are taken, over that of more."""
+"""Largest spread left by fewer stations, divided by the spread left by more, for which fewer are
+preferred."""
 
 
 FAR = 10.0
-"""Distance, over the size of the scene, from which on the density does not tell the station from
-one on the other side."""
+"""Distance, divided by the size of the scene, above which the density cannot distinguish a station
+from one on the opposite side."""
 
 
 HIDDEN, SURELY = 0.15, 0.05
-"""Largest share of the discs that one station does not see; above the second, as with the sparse
-rings of a scanner on a car, it is believed of open surfaces only, and several are not at all: of
-objects thirty times as dense at one end a place beside that end sees the greater part."""
+"""Largest share of the discs that a station does not see. Above the second value (for example with
+the sparse rings of a scanner on a car) a single station is trusted for open surfaces only, and
+several are not trusted at all: if an object is thirty times as dense at one end, a place beside
+that end sees most of it."""
 
 
 AROUND = 500, 4.0
-"""A station is inside when in every one of so many directions there is a disc, no farther off than
-so many distances of discs."""
+"""A station is inside if there is a disc in each of this many directions, at most this many times
+the distance between discs away from the direction."""
 
 
 INSIDE, JUMPS = 0.06, 0.005
-"""Largest share that such a station does not see, and least share of the discs beside jumps of the
-range: with less the density must be explained `WELL`, since uneven balls look like that as well."""
+"""Largest share that such a station does not see, and smallest share of the discs beside jumps of
+the range: with fewer the density must be explained `WELL`, because uneven balls look the same."""
 
 
 RIVALS, APART, MOST = 1.3, 0.02, 4
-"""Spread that other places leave, over that of the best, up to which they are rivals: the one that
-sees most is taken. Nearer than this, over the size of the scene, two places are one. So many are
-looked at, at most."""
+"""Rivals are places that leave a spread of at most this multiple of the best one's; the rival that
+sees most is chosen. Distance, divided by the size of the scene, below which two places are the
+same. Largest number of rivals that are examined."""
 
 
 ALIKE = 0.05
-"""Difference in what they hide up to which the better fit of two rivals is taken."""
+"""Largest difference in hidden shares for which the better fit of two rivals is chosen."""
 
 
 MIRRORED = 0.3
-"""What the mirror image of a station, on the other side of the surface nearest to it, does not see,
-over what the station does not, up to which it is taken instead."""
+"""Hidden share of a station's mirror image (on the other side of the nearest surface), divided by
+the station's own, below which the image is chosen instead."""
 
 
 CENTRAL = 0.05
-"""Distance from the centre of the area, over the size of the scene, within which nobody stands:
-objects whose points were drawn around their centre are as dense as a room seen from there."""
+"""Distance from the centre of the area, divided by the size of the scene, below which a station is
+rejected: objects sampled around their centre have the same density as a room seen from there."""
 
 
 CLOSEST, CLEARANCE = 0.02, 0.4
-"""Share of the discs that are nearest to a station, and least range of these over the distance of
-discs there, over what that is elsewhere: at the poles of a ball of longitudes and latitudes
-points are dense as well. Measured: 0.2 there, at least 0.59 for 17 scans."""
+"""Share of the discs that count as nearest to a station, and smallest ratio of their range to the
+spacing of discs there, relative to elsewhere: points are dense at the poles of a ball of longitudes
+and latitudes, too. Measured: 0.2 there, at least 0.59 for 17 scans."""
 
 
 ORIGIN, NEARBY = 1.5, 0.15
-"""Spread that the origin of the coordinates leaves, over that of the place found this near to it,
-over the size of the scene, up to which it is taken instead: sensors are at their own origin."""
+"""Largest ratio of the spread left by the origin to the spread left by the station, and largest
+distance between them, divided by the size of the scene, for which the origin is chosen instead:
+sensors are at their own origin."""
 
 
 SEVERAL = 3
-"""Most stations that are looked for together."""
+"""Largest number of stations that are searched for together."""
 
 
 @dataclass(frozen=True)
@@ -99,9 +102,9 @@ class Found:
     stations : tuple of Station
         One to three places.
     left : float
-        Spread of the density that they leave, over the one there is.
+        Spread of the density that they leave unexplained, divided by the total spread.
     hidden : float
-        Share of the discs that are hidden from the station to which they owe most.
+        Share of the discs that are hidden from the station that contributes most to their density.
     discs : Discs
         The surface.
     """
@@ -113,18 +116,18 @@ class Found:
 
     @property
     def sure(self) -> bool:
-        """Whether hardly anything is hidden."""
+        """Whether almost nothing is hidden."""
         return self.hidden <= SURELY
 
 
 def find_stations(samples: Samples, origin: Array, n_threads: int) -> Found | None:
-    """Find the places from which the density of the points is what a scanner makes of it.
+    """Find the places from which scanners would produce the density of the points.
 
-    A scanner sends its rays out evenly: the area that one point covers, times the cosine of
-    incidence, over the square of the range, is the same everywhere. Where several stood their
-    densities add up. The places where the logarithm of that spreads least are found from many
-    starts by Gauss-Newton steps. Of a closed object no place outside sees all, and none inside
-    explains the density, whatever the sampling.
+    A scanner sends out its rays uniformly: the area that one point covers, multiplied by the cosine
+    of incidence and divided by the squared range, is constant. The densities of several scanners
+    add up. Gauss-Newton steps from many starts find the places that minimise the spread of the
+    logarithm of this quantity. No place outside a closed object sees all of it, and none inside
+    explains its density, whatever the sampling.
 
     Parameters
     ----------
@@ -138,7 +141,7 @@ def find_stations(samples: Samples, origin: Array, n_threads: int) -> Found | No
     Returns
     -------
     Found or None
-        None where the density is even, or no station explains it and sees the surface.
+        None if the density is uniform, or if no station explains it and sees the surface.
     """
     some = Discs.of(samples, ASKED, n_threads)
     raw = spread_of(np.log(some.areas))
@@ -168,14 +171,14 @@ def find_stations(samples: Samples, origin: Array, n_threads: int) -> Found | No
 
 
 def _is_near(origin: Array, fit: Fit, densities: list[Density]) -> bool:
-    """Whether the origin is about where the station was found, and explains about as much."""
+    """Return whether the origin is close to the station and explains about as much."""
     near = np.linalg.norm(fit.stations[0] - origin) <= NEARBY * densities[0].size
     left = min(density.spread(origin[None]) for density in densities)
     return bool(near and left <= ORIGIN * fit.spread)
 
 
 def _is_scanner(found: Found, size: float) -> bool:
-    """Whether this is not rather the inside of an object that is closed around the station."""
+    """Return False if the station is rather inside a closed object."""
     discs, station = found.discs, found.stations[0]
     centre = discs.areas @ discs.places / discs.areas.sum()
     if np.linalg.norm(station.place - centre) < CENTRAL * size:
@@ -194,7 +197,7 @@ def _is_scanner(found: Found, size: float) -> bool:
 
 
 def _most_seen(fits: list[Fit], densities: list[Density], discs: Discs) -> Found | None:
-    """Of the stations that explain the density about as well as the best, those that see most."""
+    """Return the stations that see most, among those that explain the density about as well."""
     rivals: list[Fit] = []
     size, middle = densities[0].size, densities[0].middle
     for fit in fits:
@@ -208,9 +211,9 @@ def _most_seen(fits: list[Fit], densities: list[Density], discs: Discs) -> Found
 
 
 def _seen(fit: Fit, densities: list[Density], discs: Discs) -> Found:
-    """Judge each station by the discs that owe it most, or else its image below the ground.
+    """Judge each station, or its mirror image, by the discs whose density it contributes most to.
 
-    The mirror image of a station on the other side of a flat ground makes the same of its density.
+    The mirror image of a station on the other side of a flat ground produces the same density.
     """
     rows = np.linspace(0, len(discs.places) - 1, min(ASKED, len(discs.places))).astype(np.int64)
     places, normals = discs.places[rows], discs.normals[rows]

@@ -1,4 +1,4 @@
-"""Sides as seen from where the scanner stood."""
+"""Sides that face the place where the scanner stood."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from o3d_sofnn.orientation.winding_normals import (
 from o3d_sofnn.sampling.outliers import Samples
 
 LEANING = 0.5
-"""Most weight of the winding number's normal beside one from the rules: more turns few of them to
-the right side and costs all of them accuracy."""
+"""Largest weight of the winding number's normal relative to a normal from the rules: more would
+correct the side of few and reduce the accuracy of all."""
 
 
 SURE, VOTERS = 0.2, 8
-"""Cosine between a normal and the direction it was seen from, from which on its side is sure; the
-rest go with so many sure ones around. Less lets noise decide, more costs those seen at a slant."""
+"""Cosine between a normal and the direction to the viewpoint above which its side is certain, and
+number of certain neighbours that decide the others. With a smaller cosine noise decides; a larger
+one loses surfaces seen at grazing angles."""
 
 
 def seen_sides(
@@ -28,25 +29,25 @@ def seen_sides(
     places: NDArray[np.float64],
     n_threads: int,
 ) -> NDArray[np.float64]:
-    """Turn normals to where they were seen from.
+    """Turn normals towards the place they were seen from.
 
-    Walls that are seen along themselves are turned as the winding number's sides around them are.
+    Surfaces that are seen edge-on are turned like the winding number's sides around them.
 
     Parameters
     ----------
     directions : (n, 3) float64
-        From each place to where it was seen from, of any length; zero where that is unknown.
+        Vectors of any length from each place to its viewpoint; zero where that is unknown.
     sides : (n, 3) float64
         Unit normals, consistent with each other.
     places : (n, 3) float64
-        Where they are.
+        Positions of the normals.
     n_threads : int
         Number of threads.
 
     Returns
     -------
     (n, 3) float64
-        The same normals, turned.
+        The normals with their new signs.
     """
     cosine = np.einsum("nd,nd->n", unit(directions), sides)
     turn = cosine < 0.0
@@ -65,14 +66,14 @@ def leaned(
     sides: NDArray[np.float64],
     share: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Lean doubtful normals towards the winding number's, which are smoother over thin parts.
+    """Blend doubtful normals with those of the winding number, which are smoother on thin parts.
 
     Parameters
     ----------
     normals, sides : (n, 3) float64
         Unit normals from the rules and from the winding number, zero where there is none.
     share : (n,) float64
-        Weight of the second beside the first, at most one half.
+        Weight of the normals from the winding number; at most one half is used.
 
     Returns
     -------
@@ -85,7 +86,7 @@ def leaned(
 def turned_along(
     directions: NDArray[np.float64], normals: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Turn normals, (n, 3), of either sign so that none looks against its direction, (n, 3)."""
+    """Flip normals, (n, 3), that face against their directions, (n, 3)."""
     product = np.einsum("nd,nd->n", normals, directions)
     return np.where(product[:, None] < 0, -normals, normals)
 
@@ -96,10 +97,10 @@ def find_sides(
     directions: NDArray[np.float64] | None,
     n_threads: int,
 ) -> NDArray[np.float64]:
-    """Give every sample a side: the caller's, or that of the winding number.
+    """Give every sample a side, from the caller or from the winding number.
 
-    The winding number is not sure of sheets that were scanned from both sides and have no rim: a
-    direction from which points were seen is joined with its sides.
+    The winding number cannot decide sheets that were scanned from both sides and have no rim, so
+    its sides are combined with the directions from which the points were seen.
 
     Parameters
     ----------
@@ -108,7 +109,7 @@ def find_sides(
     normals : (m, 3) float64 or None
         Known normals of any length.
     directions : (m, 3) float64 or None
-        From each point to where it was seen from, of any length.
+        Vectors of any length from each point to where it was seen from.
     n_threads : int
         Number of threads.
 

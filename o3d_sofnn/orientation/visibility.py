@@ -1,4 +1,4 @@
-"""Stage 5: what a place sees of the surface, and what is hidden from it."""
+"""Stage 5: which parts of the surface are visible from a place, and which are hidden."""
 
 from __future__ import annotations
 
@@ -20,41 +20,40 @@ Array = NDArray[np.float64]
 
 
 DISCS = 6000
-"""Discs that stand for the surface where views are compared: fewer blur what hides what."""
+"""Number of discs that represent the surface when views are compared: fewer blur the occlusion."""
 
 
 SIZES = np.array([27, 60, 135], np.int64)
-"""Points in the fit of a disc: the least with which the area of a point is known to a fifth, and
-more where the noise asks for it."""
+"""Numbers of points in a fit: 27 give the area of a point to a fifth, more are for noise."""
 
 
 IMAGE, HITS = 24, 2
-"""Neighbours in the image that may hide a place, and how many of them must."""
+"""Number of neighbours in the image that may hide a place, and how many must hide it."""
 
 
 BESIDE, LEAP = 6, 0.3
-"""Neighbours in the image that a jump of the range may be to, and least sine of its angle with the
-surface on both sides."""
+"""Number of neighbours in the image that are tested for range jumps, and smallest sine of the angle
+between a jump and the surface on both sides."""
 
 
 GAP = 2.5
-"""Depth, in spacings of the discs, that parts what hides from one curved or noisy layer."""
+"""Depth, divided by the spacing of the discs, between occluders and one curved or noisy layer."""
 
 
 @dataclass(frozen=True)
 class Discs:
-    """Flat discs on the surface, evenly spread over the points.
+    """Flat discs on the surface, spread evenly over the points.
 
     Attributes
     ----------
     places : (p, 3) float64
-        Their middles.
+        Centres of the discs.
     normals : (p, 3) float64
         Unit normals of either sign.
     areas : (p,) float64
         Area that one point of the cloud covers there.
     reach : (p,) float64
-        Radius of the disc: the distance of discs around.
+        Radius of the disc: the distance between neighbouring discs.
     n_threads : int
         Number of threads.
     """
@@ -67,7 +66,7 @@ class Discs:
 
     @classmethod
     def of(cls, samples: Samples, count: int, n_threads: int) -> Discs:
-        """Fit discs to so many of the samples."""
+        """Fit discs at `count` of the samples."""
         n = len(samples.points)
         rows = np.linspace(0, n - 1, min(n, count)).astype(np.int64)
         places = np.ascontiguousarray(samples.points[rows])
@@ -81,7 +80,7 @@ class Discs:
         return cls(places, normals[row, column], areas, reach, n_threads)
 
     def rows(self, mask: NDArray[np.bool_]) -> Discs:
-        """Return some of the discs, (p,) bool."""
+        """Return the discs in a mask, (p,) bool."""
         return Discs(
             np.ascontiguousarray(self.places[mask]),
             self.normals[mask],
@@ -92,10 +91,10 @@ class Discs:
 
 
 class Sight(Protocol):
-    """From where points were seen."""
+    """Where points were seen from."""
 
     def directions(self, x: Array) -> Array:
-        """Vectors, (n, 3), from places to where each was seen from; zero where that is unknown."""
+        """Return vectors, (n, 3), from places to their viewpoints; zero where unknown."""
 
 
 @dataclass(frozen=True)
@@ -105,9 +104,9 @@ class Station:
     Attributes
     ----------
     place : (3,) float64
-        The place, or a vector to a viewer who is infinitely far away.
+        The place, or the direction to a viewer who is infinitely far away.
     far : bool
-        Which of both.
+        Whether it is a direction.
     """
 
     place: Array
@@ -122,7 +121,7 @@ class Station:
         return self if self.far else Station(frame.outside(self.place))
 
     def image(self, x: Array) -> Array:
-        """Where places are seen, (n, 3): on the unit sphere around the station, or in a plane."""
+        """Project places, (n, 3), onto the unit sphere around the station, or onto a plane."""
         if not self.far:
             return np.ascontiguousarray(unit(x - self.place))
         way = self.place / np.linalg.norm(self.place)
@@ -131,18 +130,18 @@ class Station:
 
 @dataclass(frozen=True)
 class Rows:
-    """A place for each row, (n, 3), of a cloud."""
+    """One viewpoint for each row, (n, 3), of a cloud."""
 
     places: Array
 
     def directions(self, x: Array) -> Array:
-        """See :class:`Sight`; of these rows."""
+        """See :class:`Sight`; `x` has the same rows."""
         return self.places - x
 
 
 @dataclass(frozen=True)
 class Partly:
-    """A place that a part of the surface is seen from; it is not known from where the rest is.
+    """A place from which part of the surface is seen; the viewpoint of the rest is unknown.
 
     Attributes
     ----------
@@ -162,7 +161,7 @@ class Partly:
     n_threads: int
 
     def directions(self, x: Array) -> Array:
-        """See :class:`Sight`; zero where the place on the surface that is nearest is not seen."""
+        """See :class:`Sight`; zero where the nearest place on the surface is not seen."""
         nearest = _nearest(self.surface, x, self.n_threads)
         return np.where(self.seen[nearest, None], self.station.directions(x), 0.0)
 
@@ -183,7 +182,7 @@ class Several:
     surface : (p, 3) float64
         Places on the surface.
     seen : (k, p) bool
-        From where each of them is seen.
+        Whether each place on the surface is seen from each station.
     n_threads : int
         Number of threads.
     """
@@ -194,7 +193,7 @@ class Several:
     n_threads: int
 
     def directions(self, x: Array) -> Array:
-        """See :class:`Sight`: the mean over the rays that have met a place."""
+        """See :class:`Sight`: the mean direction of the rays that hit a place."""
         seen = self.seen[:, _nearest(self.surface, x, self.n_threads)]
         seen = seen | ~seen.any(axis=0)
         total = np.zeros(x.shape)
@@ -217,15 +216,15 @@ def hidden(discs: Discs, station: Station, asked: NDArray[np.int64]) -> NDArray[
     discs : Discs
         The surface.
     station : Station
-        Where from.
+        The station.
     asked : (m,) int64
-        Discs in question.
+        Indices of the discs to test.
 
     Returns
     -------
     (m,) bool
-        True where the ray to the station passes through at least two other discs, farther in front
-        of the one in question than neighbours on the same surface are.
+        True if the ray to the station passes through at least two other discs that are farther in
+        front of the tested disc than neighbours on the same surface.
     """
     image = station.image(discs.places)
     tree = KdTree(image, discs.n_threads)
@@ -240,7 +239,7 @@ def hidden(discs: Discs, station: Station, asked: NDArray[np.int64]) -> NDArray[
     height = np.einsum("mkd,mkd->mk", normals, step)
     slant = np.einsum("mkd,md->mk", normals, rays)
     met = np.abs(slant) > 1e-9
-    along = height / np.where(met, slant, 1.0)  # where the ray meets the plane of the disc
+    along = height / np.where(met, slant, 1.0)  # where the ray intersects the plane of the disc
     off = along[:, :, None] * rays[:, None] - step
     gap = GAP * np.maximum(reach, discs.reach[asked][:, None])
     hit = met & (np.einsum("mkd,mkd->mk", off, off) < reach**2) & (along > gap)
@@ -250,7 +249,7 @@ def hidden(discs: Discs, station: Station, asked: NDArray[np.int64]) -> NDArray[
 
 
 def jumps(discs: Discs, place: Array) -> float:
-    """Share of the discs that a place sees beside others which are far in front or behind.
+    """Return the share of the discs that a place sees beside much nearer or farther ones.
 
     Parameters
     ----------
@@ -262,7 +261,7 @@ def jumps(discs: Discs, place: Array) -> float:
     Returns
     -------
     float
-        0 for a convex surface around it.
+        Share from 0 to 1; 0 for a convex surface around the place.
     """
     image = Station(place).image(discs.places)
     count = min(BESIDE + 1, len(image))

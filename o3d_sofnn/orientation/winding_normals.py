@@ -1,4 +1,4 @@
-"""Stage 5: area-weighted normals whose winding number is one half on the samples themselves."""
+"""Stage 5: area-weighted normals whose winding number is one half at the samples."""
 
 from __future__ import annotations
 
@@ -16,47 +16,47 @@ Array = NDArray[np.float64]
 
 
 OPENING = 0.6
-"""Opening angle of the tree code: a node is summed by its moments when it looks smaller. To first
-order, 0.6 errs as little as 0.3 does to order zero, at half the cost."""
+"""Opening angle of the tree code: a node is replaced by its moments if it appears smaller. With
+first-order moments, 0.6 is as accurate as 0.3 with order zero, at half the cost."""
 
 
 ROUNDS, STEPS, SOLVED = 2, 10, 0.01
-"""Rounds of conjugate gradients, steps in each, and share of the first gradient that ends them
-sooner: shells in shells and walls around many cavities need that many. Many more learn the noise,
-and between the rounds directions lose what they have learnt."""
+"""Rounds of conjugate gradients, steps in each, and fraction of the first gradient at which a round
+ends early: nested shells and walls around many cavities need that many. Many more would fit the
+noise; between the rounds, the directions forget the noise they have fitted."""
 
 
 SETTLED, MOST = 5e-4, 40
-"""Share of the samples that still change sides when the iteration at the coarse width ends, and the
-most iterations."""
+"""Share of samples changing sides below which the iteration at the coarse width ends, and largest
+number of iterations."""
 
 
 NARROWING = 5
-"""Iterations on the way to the fine width."""
+"""Number of iterations from the coarse to the fine width."""
 
 
 def winding_number_normals(
     x: Array, areas: Array, coarse: Array, fine: Array, n_threads: int
 ) -> Array:
-    """Find normals whose winding number is one half on the surface and that are its gradient.
+    """Find normals whose winding number is one half on the surface and whose gradient they are.
 
-    Two published methods in turn. Lin et al., "Surface reconstruction from point clouds without
-    normals by parametrizing the Gauss formula" (2022), solve ``A mu = 1/2`` by conjugate gradients:
-    that finds which side of nested surfaces is which. Lin, Shi and Liu, "Fast and globally
-    consistent normal orientation based on the winding number normal consistency" (2024), then let
-    gradient steps alternate with ``mu <- |mu| * unit(-grad(winding number of mu))``, which takes
-    the noise out of the directions but alone may stop with inner surfaces turned and faded. When
-    the sides have settled known areas replace lengths, which have learned the noise by then.
+    This combines two published methods. Lin et al., "Surface reconstruction from point clouds
+    without normals by parametrizing the Gauss formula" (2022), solve ``A mu = 1/2`` by conjugate
+    gradients, which finds the sides of nested surfaces. Lin, Shi and Liu, "Fast and globally
+    consistent normal orientation based on the winding number normal consistency" (2024), alternate
+    gradient steps with ``mu <- |mu| * unit(-grad(winding number of mu))``, which removes the noise
+    from the directions but alone may end with inner surfaces flipped and shrunk. When the sides
+    have settled, known areas replace the lengths, which have fitted the noise by then.
 
     Parameters
     ----------
     x : (m, 3) float64
-        Positions on the surface or scattered about it.
+        Positions on the surface or scattered around it.
     areas : (m,) float64
-        Area of the surface around each position, over any unit.
+        Area of the surface around each position, in any unit.
     coarse, fine : (m,) float64
-        Smoothing width at each position until the sides have settled, and at last, in the unit of
-        the points.
+        Smoothing width at each position until the sides have settled, and at the end, in the unit
+        of the points.
     n_threads : int
         Number of threads.
 
@@ -81,7 +81,7 @@ def winding_number_normals(
     mu = unit(mu) * areas[order, None]
     winding = samples.winding(mu, coarse)
     square = float((winding**2).sum())
-    if square > 0.0:  # zero all over on a line of points
+    if square > 0.0:  # zero everywhere for points on a line
         mu *= 0.5 * winding.sum() / square
     for width in np.geomspace(coarse, fine, NARROWING):
         mu = samples.descend(mu, width, 1, 0.0)
@@ -92,22 +92,22 @@ def winding_number_normals(
 
 @dataclass(frozen=True)
 class _Samples:
-    """Samples in the order of their tree, and what is summed at each of them."""
+    """Samples in the order of their tree, and the sums at each of them."""
 
     tree: WindingTree
     lists: WindingLists
     n_threads: int
 
     def winding(self, mu: Array, width: Array) -> Array:
-        """Winding number at the samples: ``A mu``."""
+        """Return the winding number at the samples: ``A mu``."""
         return np.asarray(self.tree.winding_at(mu, self.lists, width, self.n_threads))
 
     def descent(self, error: Array, width: Array) -> Array:
-        """Downhill gradient of half the squared error: the transposed ``A`` times the error."""
+        """Return the negative gradient of half the squared error: ``A.T`` times the error."""
         return -np.asarray(self.tree.adjoint_at(error, self.lists, width, self.n_threads))
 
     def descend(self, mu: Array, width: Array, steps: int, solved: float) -> Array:
-        """Bring the winding number closer to one half, then take the directions of its gradient."""
+        """Move the winding number towards one half, then take the directions of its gradient."""
         error = 0.5 - (self.winding(mu, width) if mu.any() else np.zeros(len(mu)))
         descent = direction = self.descent(error, width)
         square = float((descent**2).sum())
@@ -130,44 +130,46 @@ class _Samples:
 
 
 CROWD = 3760.0
-"""A representative stands for the number of points over this, to the power of 0.9, or for one."""
+"""A representative combines at most ``(n / CROWD) ** 0.9`` of n points, or is one of them."""
 
 
 LAYER = 3.0
-"""Noise over the spacing of the points from which on they fill a layer: there, cells that are
-halved or not make the means over them eight times as dense at one place as at another."""
+"""Noise divided by the spacing of the points above which they fill a thick layer. There, means of
+octree cells would be up to eight times as dense in some places as in others, depending on whether a
+cell was divided."""
 
 
 COARSE, FINE = (1.5, 3.0), (0.7, 2.3)
-"""Smoothing width at first and at last: so many distances of representatives, and so many standard
-deviations of the noise, as legs of a right angle. Less of it and the noise decides, more and thin
-parts vanish."""
+"""Smoothing width at the beginning and at the end: these multiples of the distance between
+representatives and of the noise level, combined as a root of squares. With a smaller width the
+noise decides; with a larger one thin parts vanish."""
 
 
 REGION, SAMPLED = 300, 32
-"""Representatives whose median says how far apart they are in a region: walls closer together than
-that keep their width, sparse regions get a wider one. One representative of so many asks."""
+"""Number of representatives whose median gives the spacing of a region: walls closer together than
+the spacing keep their width, sparse regions get a larger one. The median is taken at every so
+many-th representative."""
 
 
 BLUR = 3.8
-"""Smoothing width of the gradient at the points, over the noise."""
+"""Smoothing width of the gradient at the points, divided by the noise."""
 
 
 def orient_points(
     points: NDArray[np.float64], noise: float, spacing: float, n_threads: int
 ) -> NDArray[np.float64]:
-    """Find outward normals at all points from a global criterion alone.
+    """Find outward normals at all points by a global criterion alone.
 
-    The winding number normals of an even choice of places define a smooth winding number; its
-    gradient is evaluated everywhere. No local fit takes part: on parts hardly thicker than the
-    noise, where a fit sees both sides, the sides are still told apart.
+    The winding number normals of evenly chosen representatives define a smooth winding number; its
+    gradient is evaluated at all points. Since no local fit is used, the two sides are distinguished
+    even on parts hardly thicker than the noise, where a fit would contain both sides.
 
     Parameters
     ----------
     points : (n, 3) float64
         Distinct points in Morton order.
     noise : float
-        Standard deviation of the points about the surface.
+        Standard deviation of the points from the surface.
     spacing : float
         Edge of the square that one point covers.
     n_threads : int
@@ -176,7 +178,7 @@ def orient_points(
     Returns
     -------
     (n, 3) float64
-        Unit normals; on an open sheet without a preferred side either one.
+        Unit normals; on an open sheet without a preferred side, their sign is arbitrary.
     """
     x, stands = representatives(points, noise / spacing)
     tree = KdTree(x, n_threads)
@@ -191,22 +193,22 @@ def orient_points(
 def representatives(
     points: NDArray[np.float64], thickness: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Combine points that lie close together, or choose some of them from a thick layer.
+    """Combine neighbouring points into representatives, or choose some from a thick layer.
 
     Parameters
     ----------
     points : (n, 3) float64
         Distinct points in Morton order.
     thickness : float
-        Noise over spacing.
+        Noise divided by spacing.
 
     Returns
     -------
     places : (m, 3) float64
-        Means over the leaves of an octree, or points, in Morton order: half of 20,000 points, a
-        fortieth of a million.
+        Means of octree leaves, or chosen points, in Morton order: about half of 20,000 points, and
+        a fortieth of a million.
     stands : (n,) int64
-        Which of them stands for each point: that of its leaf, or one close in Morton order.
+        Representative of each point: the one of its leaf, or one close in Morton order.
     """
     n = len(points)
     capacity = int((n / CROWD) ** 0.9)
@@ -223,21 +225,21 @@ def representatives(
 
 
 def regional_spacing(x: NDArray[np.float64], tree: KdTree, n_threads: int) -> NDArray[np.float64]:
-    """Find how far apart samples are in their region.
+    """Find the spacing of samples in their region.
 
     Parameters
     ----------
     x : (m, 3) float64
         Samples in Morton order.
     tree : KdTree
-        Over `x`.
+        Tree of `x`.
     n_threads : int
         Number of threads.
 
     Returns
     -------
     (m,) float64
-        Median over a region of the median distance to the four nearest.
+        Regional median of the median distance to the four nearest samples.
     """
     near = np.median(tree.query(x, min(5, len(x)), np.inf, n_threads)[0][:, 1:], axis=1)
     places = np.ascontiguousarray(x[::SAMPLED])

@@ -15,15 +15,15 @@ from o3d_sofnn.sampling.outliers import Samples
 from o3d_sofnn.sampling.scales.choice import Limits
 
 ERROR = 3.0
-"""System error, over the tolerance, above which a new rule is considered."""
+"""System error, divided by the tolerance, above which a new rule is considered."""
 
 
 BOUNDARY = 0.5
-"""Accommodation boundary: least distance of a new rule from the others, over the spacing."""
+"""Accommodation boundary: smallest distance of a new rule from others, divided by the spacing."""
 
 
 FEWEST = 12
-"""Points of a new rule, two for each coefficient: through fewer a quadric bends as it likes."""
+"""Smallest number of points in a new rule: fewer than two per coefficient leave it undetermined."""
 
 
 OVERLAP = 1.1
@@ -31,26 +31,26 @@ OVERLAP = 1.1
 
 
 SIMILAR = (0.15, 0.99)
-"""Rules closer than the first, over their radius, whose normals have at least the second as cosine
-are similar and become one."""
+"""Largest distance, divided by the radius, and smallest cosine between normals of similar rules,
+which are combined into one."""
 
 
 SUPPORTED = 0.1
-"""Share of the neighbourhood that must face the side of a rule: what a handful of points on a wrong
-side say fits them perfectly, and nothing else."""
+"""Share of the neighbourhood that must face the side of a rule: a fit to a few points on a wrong
+side fits them perfectly, and nothing else."""
 
 
 MISFIT = 0.05
-"""Squared residual in excess of the usual one, over that, at which a fit has the right size: its
-error of shape is then about as large as what noise leaves in some 100 points."""
+"""Excess of the squared residual, divided by its typical value, at which a fit has the right size:
+its shape error then about equals the error that noise causes in a fit to 100 points."""
 
 
 RESIZED = (0.5, 1.25)
-"""Least and largest number of points of a rule over what the region would have."""
+"""Smallest and largest number of points in a rule, divided by the typical number in the region."""
 
 
 RATE = 0.5
-"""Step of the gradient descent, over the one that would cancel the mean error of a rule."""
+"""Step of the gradient descent, divided by the step that would cancel the mean error of a rule."""
 
 
 def generate(
@@ -59,7 +59,7 @@ def generate(
     residual: NDArray[np.float64],
     n_threads: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-    """Find where new rules are needed: the error is too large and no rule is near.
+    """Find where new rules are needed: where the error is too large and no rule is near.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def generate(
     Returns
     -------
     centers, n_neighbors, noise
-        Arguments for :func:`o3d_sofnn.rules.rule_base.fit_rules`, for the new rules alone.
+        Arguments of :func:`o3d_sofnn.rules.rule_base.fit_rules` for the new rules only.
     """
     tree = KdTree(rules.centers, n_threads)
     distance, index = tree.query(points, 1, np.inf, n_threads)
@@ -93,12 +93,12 @@ def generate(
 def reshape(
     rules: RuleBase, max_neighbors: int | None, max_radius: float | None
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Adapt the neighbourhood of each rule to what its first fit has shown.
+    """Adapt the neighbourhood of each rule to the result of its first fit.
 
-    The error of a quadric grows with the third power of the radius, its square thus with the third
-    power of the number of points; what exceeds the usual residual says how large it is. Where it is
-    large the neighbourhood shrinks, where the fit is good it grows; it becomes long where the
-    surface bends less in one direction than in the other.
+    The error of a quadric grows with the cube of the radius, so its square grows with the cube of
+    the number of points; it is estimated from the excess of the residual over its typical value.
+    Where it is large the neighbourhood shrinks, where the fit is good it grows; it becomes longer
+    in the direction in which the surface is less curved.
 
     Parameters
     ----------
@@ -112,12 +112,12 @@ def reshape(
     Returns
     -------
     n_neighbors, across, stretch
-        Arguments for :func:`o3d_sofnn.rules.rule_base.fit_rules`.
+        Arguments of :func:`o3d_sofnn.rules.rule_base.fit_rules`.
     """
-    # A wider fit is a better mean of the noise; where there is none nothing is to be gained. What
-    # competes is the error of shape, so noise is measured against that and not, as in
-    # `RuleBase.noisiness`, against the spacing (clean shapes: 8 % more Hausdorff distance; with
-    # this measure there, too, 4 %).
+    # A wider fit averages the noise better; without noise there is nothing to gain. It competes
+    # with the shape error, so noise is compared with that and not, as in `RuleBase.noisiness`, with
+    # the spacing (which gives 8 % more Hausdorff distance on clean shapes; using this measure there
+    # as well gives 4 % more).
     noisy = np.minimum(NOISE_TOLERANCE * rules.noise / (SHAPE_TOLERANCE * rules.radius), 1.0)
     widest = 1.0 + (RESIZED[1] - 1.0) * noisy
     factor = widest * np.cbrt(MISFIT / np.maximum(rules.excess, MISFIT))
@@ -135,7 +135,7 @@ def reshape(
 
 
 def discard(rules: RuleBase) -> RuleBase:
-    """Leave out rules that hardly any point of their neighbourhood supports.
+    """Remove rules that hardly any point of their neighbourhood supports.
 
     Parameters
     ----------
@@ -145,14 +145,14 @@ def discard(rules: RuleBase) -> RuleBase:
     Returns
     -------
     RuleBase
-        All of them where none is supported.
+        The supported rules, or all of them if none is supported.
     """
     keep = rules.support >= SUPPORTED
     return rules.rows(keep) if keep.any() else rules
 
 
 def combine(rules: RuleBase, n_threads: int) -> RuleBase:
-    """Combine rules with similar membership functions: of two, the one that fits better stays.
+    """Combine rules with similar membership functions; of two, the one that fits better is kept.
 
     Parameters
     ----------
@@ -220,11 +220,11 @@ def grow(
     Parameters
     ----------
     rules : RuleBase
-        First rules, with their sides.
+        First rules, oriented.
     samples : Samples
         The m points that they were fitted to.
     sides : (m, 3) float64
-        On which side of the surface each lies.
+        Unit normals of the samples, which give their sides.
     limits : Limits
         Largest neighbourhood allowed.
     experience : Experience or None

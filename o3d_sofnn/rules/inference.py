@@ -1,4 +1,4 @@
-"""Stage 4: one local fit for each typical datum, and what the rules say about a place."""
+"""Stage 4: inference of normals from the rules around a query."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from o3d_sofnn.rules.rule_base import RuleBase
 from o3d_sofnn.rules.trust import Experience
 
 NEAREST = 12
-"""Rules that take part in the inference at one place."""
+"""Number of rules that take part in the inference at one query."""
 
 
 def infer_normals(
@@ -33,17 +33,17 @@ def infer_normals(
     rules : RuleBase
         Oriented rules.
     x : (n, 3) float64
-        Where the normal is wanted.
+        Queries.
     n_threads : int
         Number of threads.
     sides : (n, 3) float64, optional
-        Unit vectors out of the surface at each place, as far as they are known; (0, 0, 0) where
-        they are not. A Gaussian in the angle to the normal of the rule joins the membership: on
-        parts hardly thicker than the noise the residual alone does not tell the sides apart.
+        Unit vectors that point out of the surface at each query; (0, 0, 0) where unknown. The
+        membership then includes a Gaussian in the angle to the normal of the rule: on parts hardly
+        thicker than the noise, the residual alone does not distinguish the sides.
     k : int, default 12
-        Nearest rules that take part.
+        Number of nearest rules that take part.
     experience : Experience, optional
-        Off-line rules: the trust that they put in a rule at a place joins the membership.
+        Off-line rules: their trust in a rule at a query becomes a factor of the membership.
 
     Returns
     -------

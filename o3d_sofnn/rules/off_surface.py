@@ -1,4 +1,4 @@
-"""Points that the rules have left beside the surface (Algorithm 1, step 5, second half)."""
+"""Outliers according to the rules (Algorithm 1, step 5, second half)."""
 
 from __future__ import annotations
 
@@ -13,50 +13,50 @@ from o3d_sofnn.rules.trust import Experience
 from o3d_sofnn.sampling.outliers import COMPANY, Samples
 
 CREDIBLE = 0.3
-"""Least support of the rules that tell how far points are from the surface."""
+"""Smallest support of rules that are used to measure distances from the surface."""
 
 
 LOOSE = 2.0
-"""Width of their membership in the residual over the usual one."""
+"""Width of their membership in the residual, divided by the normal width."""
 
 
 FAR = (5.0, 0.5)
-"""Distance from them, over the noise level and over the spacing, from which on points are
-outliers."""
+"""Distance from these rules above which points are outliers, divided by the noise level and divided
+by the spacing."""
 
 
 BESIDE = 0.2
-"""Distance from the surface, over the spacing, up to which no point is an outlier."""
+"""Distance from the surface, divided by the spacing, up to which no point is an outlier."""
 
 
 WITHIN = (2.0, 3.5)
-"""The same over the noise level, and the distance from which on every point is one. Whether they
-are in between depends on how many there are."""
+"""The same distance divided by the noise level, and the distance above which every point is an
+outlier. In between, it depends on how many points there are."""
 
 
 def distance_along_surface(
     rules: RuleBase, points: NDArray[np.float64], sides: NDArray[np.float64], n_threads: int
 ) -> NDArray[np.float64]:
-    """Distance of points from the rules that are nearest along the surface.
+    """Measure the distance of points from the rules that are nearest along the surface.
 
-    The rule with the largest membership is the one that passes nearest to the point. It may follow
-    an outlier when few other points support it. Without such rules, and with a wide membership in
-    the residual, a rule speaks that knows nothing of the point; beside an edge it is not always of
-    the right face.
+    The rule with the largest membership passes nearest to the point. It may follow an outlier if
+    few other points support it. Leaving out such rules, and widening the membership in the
+    residual, gives a rule that was not influenced by the point; beside an edge it may belong to the
+    wrong face.
 
     Parameters
     ----------
     rules : RuleBase
         Rules fitted with sides.
     points, sides : (m, 3) float64
-        Points and on which side of the surface they lie.
+        Points and their unit normals, which give their sides.
     n_threads : int
         Number of threads.
 
     Returns
     -------
     (m,) float64
-        Not negative.
+        Distances, not negative.
     """
     credible = rules.support >= CREDIBLE
     asked = rules.rows(credible) if credible.any() else rules
@@ -70,11 +70,11 @@ def off_surface(
     samples: Samples,
     n_threads: int,
 ) -> NDArray[np.bool_]:
-    """Mark points that the rules have left beside the surface.
+    """Mark points that are too far from the surface of the rules.
 
-    At some distance noise has become so unlikely that an outlier is the better explanation: there
-    the density of the points, a normal distribution about the surface, falls below that of the
-    outliers, of which some are known. What most of the neighbours have in common is no outlier but
+    At some distance, noise is so unlikely that an outlier is the better explanation: there, the
+    density of the points, normally distributed around the surface, falls below the density of the
+    outliers, some of which are known. If most neighbours are as far away, they are not outliers but
     a detail that the rules have missed.
 
     Parameters
@@ -118,7 +118,7 @@ def beside_surface(
     experience: Experience | None,
     n_threads: int,
 ) -> NDArray[np.bool_]:
-    """Ask the rules which samples they have left beside the surface.
+    """Mark samples that are outliers according to the rules.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def beside_surface(
     samples : Samples
         The m points.
     sides : (m, 3) float64
-        On which side of the surface each lies.
+        Unit normals of the samples, which give their sides.
     experience : Experience or None
         Off-line rules.
     n_threads : int

@@ -1,4 +1,4 @@
-"""Stage 4: rules are fitted anew where it is in doubt which points belong to them."""
+"""Stage 4: rules are fitted again where it is doubtful which points belong to them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from o3d_sofnn.rules.rule_base import RuleBase, fit_rules
 from o3d_sofnn.sampling.local_fit import RADIUS, Neighborhoods
 
 UNDISPUTED = 0.95
-"""Share of the neighbourhood facing the side of a rule from which on all of it belongs there."""
+"""Share of the neighbourhood facing the side of a rule above which all of it belongs there."""
 
 
 def revise(
@@ -20,10 +20,10 @@ def revise(
     normals: NDArray[np.float64],
     n_threads: int,
 ) -> RuleBase:
-    """Fit rules anew beside edges and other sheets, with the normals that the rules have inferred.
+    """Fit rules beside edges and other sheets again, with the inferred normals.
 
-    Which points count in a fit depends on their normals, and these are better known once the rules
-    have been fitted. Where all points of a neighbourhood agree nothing would change.
+    Which points count in a fit depends on their normals, which are known better after the rules
+    have been fitted. Where all points of a neighbourhood agree, nothing would change.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def revise(
     Returns
     -------
     RuleBase
-        As many rules, those that were fitted anew last.
+        The same number of rules; those that were fitted again come last.
     """
     disputed = _disputed(rules)
     if not disputed.any():
@@ -57,7 +57,7 @@ def revise(
 
 
 def read_normals(rules: RuleBase, points: NDArray[np.float64], n_threads: int) -> NDArray[np.bool_]:
-    """Mark the points whose normals :func:`revise` reads, and some around them.
+    """Mark the points whose normals :func:`revise` reads, and some others around them.
 
     Parameters
     ----------
@@ -75,10 +75,10 @@ def read_normals(rules: RuleBase, points: NDArray[np.float64], n_threads: int) -
     again = rules.rows(_disputed(rules))
     if not len(again):
         return np.zeros(len(points), bool)
-    # The new neighbourhood lies around the foot, as many points as the old one around the centre.
+    # The new neighbourhood has as many points around the foot as the old one around the centre.
     moved = np.linalg.norm(again.feet - again.centers, axis=1)
     reach = np.sqrt(again.stretch) * again.radius / RADIUS + moved
-    widest = np.full(len(points), 1.001 * reach.max())  # more than rounding takes from the radii
+    widest = np.full(len(points), 1.001 * reach.max())  # the margin exceeds the rounding of radii
     return np.asarray(KdTree(again.feet, n_threads).crowded(points, 1, widest, n_threads), bool)
 
 

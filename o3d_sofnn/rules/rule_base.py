@@ -1,4 +1,4 @@
-"""The rule base: what a rule is, and what follows from its parameters."""
+"""The rule base: the parameters of a rule, and quantities derived from them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def fit_rules(
     tree, points, normals, where, n_threads
         As in :func:`o3d_sofnn.sampling.local_fit.fit_quadrics`.
     confidence : (r,) float64, optional
-        Of the sides, kept with the rules; 1 when not given.
+        Confidence in the sides, stored with the rules; 1 if not given.
 
     Returns
     -------
@@ -46,27 +46,27 @@ def fit_rules(
 
 
 NOISE_TOLERANCE = 1.4
-"""Width of the membership in the residual, over the noise level."""
+"""Width of the membership in the residual, divided by the noise level."""
 
 
 SHAPE_TOLERANCE = 0.02
-"""The same over the radius of the fit: what a quadric leaves of a clean shape."""
+"""The same width divided by the radius of the fit: the residual of a quadric on a clean shape."""
 
 
 USUAL = 0.67
-"""Residual of a good fit over its tolerance."""
+"""Residual of a good fit, divided by its tolerance."""
 
 
 NOISY = 0.2
-"""Noise over spacing from which on it is noise."""
+"""Noise level, divided by the spacing, above which it is certainly noise, not shape."""
 
 
 UNCERTAIN = 3.0
-"""Curvature that noise may cause, over noise / radius / sqrt(points of the fit)."""
+"""Curvature that noise may cause, divided by ``noise / radius / sqrt(points of the fit)``."""
 
 
 FLAT = 0.02
-"""Curvature times radius that is none."""
+"""Product of curvature and radius below which a fit counts as flat."""
 
 
 LONGEST = 2.0
@@ -75,10 +75,10 @@ LONGEST = 2.0
 
 @dataclass(frozen=True)
 class RuleBase(Quadrics):
-    """Rules: an elliptical region of space each, with a quadric as its consequent.
+    """Rules: elliptical regions of space with quadrics as their consequents.
 
-    A rule is a fit and what is known of its region; its width in the tangent plane, eq. (11), is
-    half the radius of the fit.
+    A rule is a fit with properties of its region; its width in the tangent plane, eq. (11), is half
+    the radius of the fit.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class RuleBase(Quadrics):
 
     @property
     def areas(self) -> NDArray[np.float64]:
-        """Area of surface that each rule stands for, (r,)."""
+        """Area of surface that each rule represents, (r,)."""
         return np.asarray(np.pi * (self.radius / RADIUS) ** 2 / RULES_PER_NEIGHBORHOOD)
 
     @property
@@ -103,7 +103,7 @@ class RuleBase(Quadrics):
 
     @property
     def noisiness(self) -> NDArray[np.float64]:
-        """From 0, where the noise level is shape that quadrics miss, to 1, where it is noise."""
+        """From 0, if the noise level is shape that quadrics miss, to 1, if it is noise, (r,)."""
         return np.minimum(self.noise / (NOISY * self.spacing), 1.0)
 
     @property
@@ -113,12 +113,12 @@ class RuleBase(Quadrics):
 
     @property
     def excess(self) -> NDArray[np.float64]:
-        """Squared residual in excess of the usual one, over that, (r,)."""
+        """Excess of the squared residual, divided by its typical value, (r,)."""
         return np.asarray((self.residual / (USUAL * self.tolerance)) ** 2 - 1.0)
 
     @property
     def quality(self) -> NDArray[np.float64]:
-        """Weight of each rule in the inference: low where the quadric does not fit, (r,)."""
+        """Weight of each rule in the inference, low if the quadric does not fit, (r,)."""
         return np.asarray(np.exp(-0.5 * np.minimum(self.residual / self.tolerance, 30.0) ** 2))
 
     @property
@@ -130,7 +130,7 @@ class RuleBase(Quadrics):
         across = (
             np.cos(half)[:, None] * self.frames[:, 0] + np.sin(half)[:, None] * self.frames[:, 1]
         )
-        # A curvature that noise alone may cause says nothing about the direction.
+        # A curvature that noise alone may cause is no evidence of a direction.
         floor = UNCERTAIN * self.noise / self.radius / np.sqrt(self.n_neighbors) + FLAT
         weak, strong = np.sort(0.5 * self.radius[:, None] * np.abs(self.curvatures)).T
         return across, np.clip(((strong + floor) / (weak + floor)) ** 0.5, 1.0, LONGEST)
@@ -157,9 +157,9 @@ class RuleBase(Quadrics):
         Parameters
         ----------
         n_threads : int
-            Threads.
+            Number of threads.
         gates, neurons : (r, m, 2) and (m, 3, 3) float64, optional
-            What the off-line rules say of each rule, and the part of them that belongs to places.
+            Part of the off-line rules that depends on the rule, and part that depends on the query.
         trust : (r,) float64, optional
             Factor of the quality of each rule.
 
@@ -181,11 +181,11 @@ class RuleBase(Quadrics):
         )
 
     def rows(self, index: NDArray[np.bool_]) -> RuleBase:
-        """Pick some of the rules."""
+        """Return the rules in a mask, (r,) bool."""
         return RuleBase(**{name: value[index] for name, value in vars(self).items()})
 
     def joined(self, other: RuleBase) -> RuleBase:
-        """Both rule bases, this one first."""
+        """Return both rule bases joined, this one first."""
         return joined(self, other)
 
 
@@ -193,6 +193,6 @@ Table = TypeVar("Table")
 
 
 def joined(first: Table, second: Table) -> Table:
-    """Rows of two tables of one kind, those of the first one first."""
+    """Join the rows of two tables of the same type, the first one first."""
     a, b = vars(first), vars(second)
     return type(first)(**{name: np.concatenate([a[name], b[name]]) for name in a})

@@ -1,4 +1,4 @@
-"""Off-line rules: how far a rule is to be trusted at a place, learned from known shapes."""
+"""Off-line rules: how far a rule can be trusted at a query, learned from known shapes."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ Array = NDArray[np.float64]
 
 
 SHIPPED = Path(__file__).parent / "off_line_rules.json"
-"""What ``python -m o3d_sofnn.training`` writes."""
+"""The file that ``python -m o3d_sofnn.training`` writes."""
 
 
 INPUTS = ("residual", "noise", "curvature", "distance", "cosine", "reach")
 """Inputs of the off-line rules. The first three belong to a rule: logarithms of the residual of its
-fit over its radius, of the noise level over its radius, and of the size of its second-order
-coefficients. The others belong to a place: fourth root of its distance to the quadric over the
-radius, cosine between the normal there and the side, squared distance in the tangent plane over
-the radius."""
+fit and of the noise level, both divided by its radius, and of the size of its second-order
+coefficients. The others belong to a query: fourth root of its distance to the quadric, cosine
+between the normal there and the side, and squared distance in the tangent plane (lengths divided by
+the radius)."""
 
 
 OF_RULE = 3
@@ -33,22 +33,22 @@ OF_RULE = 3
 
 
 LEAST = 1e-4
-"""Smallest value that a logarithm sees."""
+"""Smallest argument of a logarithm."""
 
 
 EMPHASIS = 0.5
-"""Weight of the expected logarithm of the squared error in the logarithm of a membership: with one,
-memberships go with the inverse squared error, as in a mean of independent measurements; rules that
-overlap are not independent."""
+"""Weight of the expected logarithm of the squared error in the logarithm of a membership. With 1,
+memberships are inverse to the squared error, as in a mean of independent measurements; overlapping
+rules are not independent."""
 
 
 @dataclass(frozen=True)
 class Experience:
     """A network from the inputs above to the logarithm of the squared error of a rule's normal.
 
-    The network is the paper's own (:class:`o3d_sofnn.SOFNN`), with linear consequents and few
-    enough rules to be read. The membership of a place in a rule of the cloud is divided by the
-    error that the network expects of it.
+    The network is the paper's own (:class:`o3d_sofnn.SOFNN`), with linear consequents and so few
+    rules that they can be read. The membership of a query in a rule of the cloud is divided by the
+    error that the network predicts.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Experience:
 
     @property
     def neurons(self) -> Array:
-        """Part of the network that belongs to places, (m, 3, 3), as the native kernels take it."""
+        """Return the part that depends on the query, (m, 3, 3), as the native kernels take it."""
         places = slice(OF_RULE, None)
         parts = (
             self.network.centers[:, places],
@@ -70,7 +70,7 @@ class Experience:
         return np.ascontiguousarray(np.stack(parts, axis=1))
 
     def gates(self, rules: RuleBase) -> Array:
-        """Part that belongs to the rules of a cloud, (r, m, 2), as the native kernels take it."""
+        """Return the part that depends on the rules, (r, m, 2), as the native kernels take it."""
         own = slice(None, OF_RULE)
         offset = rule_inputs(rules)[:, None] - self.network.centers[:, own]
         firing = -0.5 * ((offset / self.network.widths[:, own]) ** 2).sum(axis=2)  # Eq. (11)
@@ -94,16 +94,16 @@ def rule_inputs(rules: RuleBase) -> Array:
 
 
 def place_inputs(distance: Array, cosine: Array, reach: Array) -> Array:
-    """Return the inputs that belong to places, (..., 3).
+    """Return the inputs that belong to queries, (..., 3).
 
     Parameters
     ----------
     distance : (...) float64
-        To the quadric of a rule, over its radius.
+        Distance to the quadric of a rule, divided by its radius.
     cosine : (...) float64
-        Between the normal of the quadric and the side.
+        Cosine between the normal of the quadric and the side.
     reach : (...) float64
-        Squared distance in the tangent plane, over the radius.
+        Squared distance in the tangent plane, with lengths divided by the radius.
     """
     root = np.minimum(np.abs(distance), 1.0) ** 0.25
     return np.stack([root, cosine, np.minimum(reach, 4.0)], axis=-1)

@@ -1,1 +1,1 @@
-"""Where an open surface ends: holes that stay closed, what is cut away, and tidy rims."""
+"""Borders of open surfaces: holes that stay closed, parts that are cut away, and tidy rims."""

@@ -1,7 +1,7 @@
-"""Where the mesh stays closed: on what the data say is a solid, and where rims vouch for a hole.
+"""Where the mesh stays closed: on solids, and where the rim of a hole supports its closing.
 
-The extraction closes everything. What it has closed beyond the data falls into patches, each with a
-rim on the data, and each is judged by its own rim and its own component.
+The extraction closes everything. The parts closed beyond the data form patches, each with a rim on
+the data, and each patch is judged by its own rim and its own connected component.
 """
 
 from __future__ import annotations
@@ -19,40 +19,41 @@ if TYPE_CHECKING:
     from o3d_sofnn.implicit.field import Field
 
 EDGE = 1.15
-"""Distance from the samples, over their spacing, at which the surface ends: gaps between samples
-drawn at random are narrower."""
+"""Distance from the samples, divided by their spacing, at which the surface ends: gaps between
+randomly drawn samples are narrower."""
 
 
 VOUCHED = 5.0
-"""Distance from the data, over the spacing along the rim, up to which that vouches for what closes
-a hole."""
+"""Distance from the data, divided by the spacing along the rim, up to which the rim supports the
+closing of a hole."""
 
 
 FACING = 0.2
-"""Least mean cosine between a closing that reaches farther, on a solid, and the data at its rim:
-0.00 at ends of pipes and boxes without a lid, 0.29 at the missing base of a figure, 0.6 to 0.95 at
-missing patches of smooth solids."""
+"""Smallest mean cosine, on a solid, between a closing that reaches farther and the data at its rim.
+It is 0.00 at ends of pipes and at boxes without a lid, 0.29 at the missing base of a figure, and
+0.6 to 0.95 at missing patches of smooth solids."""
 
 
 HOLE = 0.1
-"""Largest area that was closed beyond what rims vouch for, over that of the data, on a solid: 0.00
-to 0.07 on scans all around, from 0.2 on elsewhere."""
+"""Largest area, on a solid, that was closed without the support of rims, divided by the area of the
+data: 0.00 to 0.07 on scans from all around, at least 0.2 elsewhere."""
 
 
 FEW = 64
-"""Samples below which nothing says that a surface is open, unless it is flat: it is closed."""
+"""A surface of fewer samples is closed unless it is flat, because nothing shows that it is open."""
 
 
 NEAREST = 8
-"""Samples of which one has to face as a vertex does: those of both sheets of a thin part."""
+"""Number of nearest samples, at least one of which must face the same way as a vertex: they include
+those on both sheets of a thin part."""
 
 
 FLAT = 1e-6
-"""Thickness of a flat cloud over its size."""
+"""Thickness of a flat cloud, divided by its size."""
 
 
 BLOCK = 2**16
-"""Vertices that are looked at together: each needs some fifty numbers."""
+"""Number of vertices that are processed together: each needs about fifty numbers."""
 
 
 Array = NDArray[np.float64]
@@ -70,9 +71,9 @@ class Closing:
     closed : bool
         Whether the mesh is closed.
     unsupported : float
-        Share of the area of the closed mesh that no rim vouches for: about 0 on a solid.
+        Share of the area of the closed mesh that no rim supports: about 0 on a solid.
     holes_closed, holes_open : int
-        Holes of the data of either kind.
+        Number of holes in the data that were closed, and that were left open.
     reason : str
         The decision in words, with the figure, and how to choose otherwise.
     """
@@ -85,16 +86,16 @@ class Closing:
 
 
 class Judge:
-    """Judges what closes a mesh.
+    """Decides which closings of a closed mesh are kept.
 
     Parameters
     ----------
     implicit : Field
         The function, with its samples.
     solid : (n,) bool
-        What :func:`o3d_sofnn.meshing.borders.solids.solids` says of its samples.
+        Samples on solids, as found by :func:`o3d_sofnn.meshing.borders.solids.solids`.
     spacing : (n,) float64
-        Distance of neighbouring samples at each, not less than what the mesh resolves.
+        Distance between neighbouring samples, or the resolution of the mesh if that is coarser.
     closes : bool
         Whether holes may stay closed at all.
     """
@@ -106,7 +107,7 @@ class Judge:
         self._spacing, self._closes = spacing, closes
 
     def __call__(self, vertices: Array, triangles: Triangles) -> tuple[Array, Closing]:
-        """Tell how far beyond the data a closed mesh is.
+        """Measure how far the vertices of a closed mesh are beyond the data.
 
         Parameters
         ----------
@@ -117,15 +118,15 @@ class Judge:
         Returns
         -------
         beyond : (m,) float64
-            Distance from samples that face alike over their spacing, up to twice `VOUCHED`; 0 in
-            holes that stay closed. The surface ends at `EDGE`.
+            Distance from samples that face the same way, divided by their spacing, up to twice
+            `VOUCHED`; 0 in holes that stay closed. The surface ends at `EDGE`.
         closing : Closing
         """
         component = np.asarray(label_pieces(triangles, len(vertices)))
         distance, beyond, sample = self._distances(vertices, triangles, component)
         spacing = self._spacing[sample]
         patches = Patches(vertices, triangles, beyond > EDGE)
-        # Along a rim that is dense here and sparse there the mean by length.
+        # Along a rim of varying density, the mean is weighted by length.
         along = patches.on_rim(spacing**2) / np.maximum(patches.on_rim(spacing), 1e-300)
         deep = patches.largest(distance) > VOUCHED * along
         supported = np.bincount(component, patches.areas * ~patches.loose)
@@ -144,9 +145,10 @@ class Judge:
     def _distances(
         self, vertices: Array, triangles: Triangles, component: NDArray[np.int64]
     ) -> tuple[Array, Array, NDArray[np.int64]]:
-        """Distances from samples that face alike, also over their spacing, and the nearest sample.
+        """Return distances to samples that face the same way, and relative to their spacing.
 
-        A sample that the mesh faces nowhere, or on a solid, counts whatever its side.
+        The third result is the nearest sample. Samples on solids, and those whose side the mesh
+        faces nowhere, count for both sides.
         """
         facing = np.asarray(vertex_normals(vertices, triangles))
         sample = self._field.nearest(vertices, 1)[1][:, 0]
@@ -167,12 +169,12 @@ class Judge:
     def _mostly_solid(
         self, sample: NDArray[np.int64], component: NDArray[np.int64]
     ) -> NDArray[np.bool_]:
-        """Whether most of the vertices of each component have a sample of a solid nearest."""
+        """Mark components of which most vertices are nearest to a sample on a solid."""
         count = np.bincount(component)
         return np.asarray(2 * np.bincount(component, self._solid[sample]) > count)
 
     def _faced(self, vertices: Array, facing: Array, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Whether a vertex near to each of some samples faces as the sample does."""
+        """Mark samples near which some vertex faces the same way."""
         if not len(rows):
             return np.zeros(0, bool)
         n_threads = self._field.n_threads
@@ -184,18 +186,18 @@ class Judge:
 
 
 def _is_flat(points: Array) -> bool:
-    """Whether points lie in one plane, to rounding."""
+    """Return whether points lie in one plane, up to rounding."""
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return bool(spread[-1] <= FLAT * spread[0])
 
 
 def _closing(keep: NDArray[np.bool_], unsupported: float, closes: bool) -> Closing:
-    """Put a decision into words."""
-    share = f"{100.0 * unsupported:.0f} % of the closed mesh is beyond what the data vouch for"
+    """Describe a decision in words."""
+    share = f"{100.0 * unsupported:.0f} % of the closed mesh is not supported by the data"
     if not closes:
-        reason = f"open, as asked for ({share})"
+        reason = f"open, as requested ({share})"
     elif keep.all():
         reason = f"closed: {share}; closed=False leaves every hole open"
     else:
-        reason = f"open: {share}; closed=True closes it all the same"
+        reason = f"open: {share}; closed=True closes it anyway"
     return Closing(bool(keep.all()), unsupported, int(keep.sum()), int((~keep).sum()), reason)

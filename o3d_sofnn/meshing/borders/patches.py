@@ -28,9 +28,9 @@ class Patches:
     Attributes
     ----------
     areas : (m,) float64
-        Of a third of the triangles of each vertex.
+        One third of the area of the triangles around each vertex.
     label : (m,) int64
-        Number of the patch of each vertex; others have numbers of their own.
+        Number of the patch of each vertex; vertices outside patches have numbers of their own.
     """
 
     def __init__(self, vertices: Array, triangles: Triangles, loose: NDArray[np.bool_]) -> None:
@@ -41,26 +41,26 @@ class Patches:
         inner = np.ascontiguousarray(triangles[at.all(axis=1)])
         self.label = np.asarray(label_pieces(inner, len(vertices)))
         self._normals = self.areas[:, None] * np.asarray(vertex_normals(vertices, triangles))
-        # Corners on the data beside a loose one.
+        # Corners on the data, next to a loose one.
         ends, starts = triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
         ends, starts = np.concatenate([ends, starts]), np.concatenate([starts, ends])
         across = loose[ends] & ~loose[starts]
         self._patch, self._rim = self.label[ends[across]], starts[across]
 
     def largest(self, values: Array) -> Array:
-        """Largest of values at vertices, (m,), on each patch, (p,)."""
+        """Return the largest of the vertices' values, (m,), on each patch, (p,)."""
         found = np.zeros(int(self.label.max(initial=-1)) + 1)
         np.maximum.at(found, self.label[self.loose], values[self.loose])
         return found
 
     def on_rim(self, values: Array) -> Array:
-        """Mean of values at vertices, (m,), along the rim of each patch, (p,)."""
+        """Return the mean of the vertices' values, (m,), along the rim of each patch, (p,)."""
         n = int(self.label.max(initial=-1)) + 1
         count = np.bincount(self._patch, minlength=n)
         return np.bincount(self._patch, values[self._rim], n) / np.maximum(count, 1)
 
     def facing(self, normals: Array) -> Array:
-        """Mean cosine between normals at vertices along the rim and each patch as a whole, (p,)."""
+        """Return the mean cosine, (p,), between normals along the rim and of the whole patch."""
         n, rows = int(self.label.max(initial=-1)) + 1, self.label[self.loose]
         own = self._normals[self.loose]
         whole = np.stack([np.bincount(rows, own[:, d], n) for d in range(3)], axis=1)

@@ -10,31 +10,31 @@ from o3d_sofnn.geometry.mesh_properties import with_corner_in
 from o3d_sofnn.meshing.repair.untangling import untangle
 
 STRAIGHTENINGS = 5
-"""Times that vertices of a rim go half of the way to the middle of their neighbours on it."""
+"""Number of times that rim vertices move halfway to the middle of their neighbours on the rim."""
 
 
 AWAY = 0.5
-"""Longest way that they go, over the spacing: the rim stays at the data."""
+"""Longest distance that they move, divided by the spacing: the rim stays at the data."""
 
 
 EDGE = 2.0
-"""Longest edge that replaces two, over the spacing."""
+"""Longest edge that replaces two edges, divided by the spacing."""
 
 
 BULGE = 0.2
-"""Farthest that a vertex may be from the edge that replaces it, over the spacing."""
+"""Largest distance of a removed vertex from the new edge, divided by the spacing."""
 
 
 TURN = 0.7
-"""Least cosine between the normals of a triangle before and after a step."""
+"""Smallest cosine between the normals of a triangle before and after a step."""
 
 
 ROUNDS = 16
-"""Times that edges are joined; each time those that are not near each other."""
+"""Number of rounds of edge collapses; edges of one round are not near each other."""
 
 
 ATTEMPTS = 4
-"""Times that all of this is tried, without what made triangles cut each other before."""
+"""Number of attempts; each omits the collapses that made triangles intersect in earlier ones."""
 
 
 Array = NDArray[np.float64]
@@ -49,15 +49,15 @@ Index = NDArray[np.int64]
 def tidy(
     vertices: Array, triangles: Triangles, spacing: Array, n_threads: int = 1
 ) -> tuple[Array, Triangles, Index]:
-    """Straighten the rims of a mesh, and join the short edges of them.
+    """Straighten the rims of a mesh, and join their short edges.
 
     Parameters
     ----------
     vertices : (m, 3) float64
     triangles : (t, 3) int32
-        A manifold with rims, no triangle of which cuts another one.
+        A manifold with rims, without intersecting triangles.
     spacing : (m,) float64
-        Of the samples at the vertices.
+        Spacing of the samples at the vertices.
     n_threads : int, default 1
         Number of threads.
 
@@ -65,9 +65,9 @@ def tidy(
     -------
     vertices : (v, 3) float64
     triangles : (k, 3) int32
-        Of the same kind, with the same components, holes and handles.
+        A mesh of the same kind, with the same connected components, holes and handles.
     used : (v,) int64
-        The given vertex that each one was.
+        Index of each vertex in the input.
     """
     straight = straightened(vertices, triangles, spacing)
     straight = untangle([vertices, straight], triangles, n_threads)
@@ -77,7 +77,7 @@ def tidy(
 
 
 def straightened(vertices: Array, triangles: Triangles, spacing: Array) -> Array:
-    """Move the vertices of rims along the surface so that the rims are straighter.
+    """Move the vertices of rims along the surface to straighten the rims.
 
     Parameters
     ----------
@@ -85,12 +85,12 @@ def straightened(vertices: Array, triangles: Triangles, spacing: Array) -> Array
     triangles : (t, 3) int32
         A manifold with rims.
     spacing : (m,) float64
-        Of the samples at the vertices.
+        Spacing of the samples at the vertices.
 
     Returns
     -------
     (m, 3) float64
-        No triangle turns.
+        New positions, such that no triangle flips.
     """
     before, after = _neighbors(triangles, len(vertices))
     rim = np.flatnonzero(before >= 0)
@@ -109,7 +109,7 @@ def straightened(vertices: Array, triangles: Triangles, spacing: Array) -> Array
 
 
 def _neighbors(triangles: Triangles, n: int) -> tuple[Index, Index]:
-    """Vertices before and after each one on its rim, (n,); -1 inside and where two rims meet."""
+    """Return the vertices before and after each rim vertex, (n,); -1 inside or where rims meet."""
     start = triangles.astype(np.int64).ravel()
     end = triangles[:, [1, 2, 0]].astype(np.int64).ravel()
     keys = np.minimum(start, end) * n + np.maximum(start, end)
@@ -125,20 +125,20 @@ def _neighbors(triangles: Triangles, n: int) -> tuple[Index, Index]:
 
 
 def _first_of_runs(keys: Index) -> NDArray[np.bool_]:
-    """Mark the first one of equal keys that follow each other."""
+    """Mark the first key of each run of equal keys."""
     first = np.ones(len(keys), bool)
     first[1:] = keys[1:] != keys[:-1]
     return first
 
 
 def _joined(vertices: Array, triangles: Triangles, spacing: Array, n_threads: int) -> Triangles:
-    """Join edges of rims, but for those beside which triangles would cut each other."""
+    """Join edges of rims, except where triangles would intersect."""
     rim = _neighbors(triangles, len(vertices))[0] >= 0
     if not rim.any():
         return triangles
     beside = with_corner_in(rim, triangles)
     inner, kept = triangles[~beside], np.zeros(len(vertices), bool)
-    # The band along the rims has its own numbers: the rest of the mesh costs nothing.
+    # Vertices along the rims are renumbered, so that the rest of the mesh costs nothing.
     in_band = np.zeros(len(vertices), bool)
     in_band[triangles[beside]] = True
     rows = np.flatnonzero(in_band)
@@ -170,18 +170,18 @@ def _join(
     free: NDArray[np.bool_],
     active: NDArray[np.bool_],
 ) -> tuple[Triangles, NDArray[np.bool_]]:
-    """Collapse free vertices of rims onto a neighbour on the rim, none near another one.
+    """Collapse free rim vertices onto a neighbour on the rim, no two close together.
 
-    The triangles are those of the vertices of rims: others have edges that only seem to be rims,
-    and no free vertex. Only what is around active vertices is looked at: where nothing has changed
-    since the last round nothing else would come of it.
+    The triangles are those at rim vertices. Their outer edges may look like rims, but have no free
+    vertex. Only the surroundings of active vertices are examined: where nothing has changed since
+    the last round, the result would be the same.
 
     Returns
     -------
     target : (m,) int32
-        The vertex that each one is now.
+        The vertex that replaces each one.
     active : (m,) bool
-        Those to be looked at in the next round.
+        Vertices to examine in the next round.
     """
     near = active.copy()
     for _ in range(2):
@@ -214,7 +214,7 @@ def _join(
 def _short(
     vertices: Array, before: Index, after: Index, candidate: Index, spacing: Array
 ) -> NDArray[np.bool_]:
-    """Whether one edge may replace the two at each candidate: short, and hardly beside it."""
+    """Mark candidates whose two edges may be replaced by one that is short and close to them."""
     chord = vertices[after[candidate]] - vertices[before[candidate]]
     length = np.linalg.norm(chord, axis=1)
     step = vertices[candidate] - vertices[before[candidate]]
@@ -227,7 +227,7 @@ def _short(
 def _keeps_topology(
     triangles: Triangles, candidate: Index, onto: Index, n: int
 ) -> NDArray[np.bool_]:
-    """Whether the ends of each edge of a rim have one common neighbour, and more than a triangle.
+    """Mark rim edges whose ends have one common neighbour, and more than one triangle.
 
     Dey, Edelsbrunner, Guha and Nekhayev, "Topology preserving edge contraction", 1999.
     """
@@ -249,7 +249,7 @@ def _keeps_topology(
 def _keeps_normals(
     vertices: Array, triangles: Triangles, candidate: Index, onto: Index
 ) -> NDArray[np.bool_]:
-    """Whether no triangle that stays turns when its candidate goes onto a neighbour."""
+    """Mark candidates whose collapse flips none of the remaining triangles."""
     row = np.full(len(vertices), -1)
     row[candidate] = np.arange(len(candidate))
     fine = np.ones(len(candidate), bool)
@@ -273,7 +273,7 @@ def _keeps_normals(
 def _apart(
     triangles: Triangles, candidate: Index, vertices: Array, onto: Index
 ) -> NDArray[np.bool_]:
-    """Whether each candidate has the shortest edge of all within two rings."""
+    """Mark candidates with the shortest edge within two rings of triangles."""
     length = np.linalg.norm(vertices[candidate] - vertices[onto], axis=1)
     rank = np.full(len(vertices), len(vertices))
     rank[candidate[np.lexsort((candidate, length))]] = np.arange(len(candidate))

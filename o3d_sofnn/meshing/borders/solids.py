@@ -1,4 +1,4 @@
-"""Which parts of the data lie on what the winding number takes for a solid."""
+"""Parts of the data that lie on solids according to the winding number."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from o3d_sofnn.orientation.confidence import CLOSED, SHEET, winding_before
 from o3d_sofnn.rules.rule_base import RuleBase
 
 WOUND = 0.25
-"""Least mean winding number on a piece of the rule base that may be a solid: 0.27 to 0.6 on thin
-and thick closed ones, at most 0.23 on sheets and small patches (25 scans, 20 shapes)."""
+"""Smallest mean winding number on a component of the rule base that may be a solid: 0.27 to 0.6 on
+thin and thick closed ones, at most 0.23 on sheets and small patches (25 scans, 20 shapes)."""
 
 
 BESIDE = 3.0
-"""Distance from a rule, over its radius, up to which a place is in the same piece."""
+"""Distance from a rule, divided by its radius, up to which a point is in the same component."""
 
 
 Array = NDArray[np.float64]
@@ -25,11 +25,12 @@ Array = NDArray[np.float64]
 def solids(
     rules: RuleBase, samples: Array, n_threads: int
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Tell which rules and samples lie on what the winding number takes for a solid.
+    """Mark the rules and samples on solids, according to the winding number.
 
-    In front of a solid there is nothing nearly everywhere, and on its surface the winding number is
-    about one half; so it is on half a sphere, which its rim will tell from a whole one. A few rules
-    by themselves look like that by chance: they follow a larger piece if they are in it.
+    Nearly everywhere in front of a solid, the space is empty, and the winding number on its surface
+    is about one half. The same holds for half a sphere, which is recognised later by its rim. A few
+    isolated rules may look like a solid by chance: they follow a larger component that contains
+    them.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What stays of the closed surface: pieces that samples lie on and, if wanted, supported parts."""
+"""Removal of components without samples and, on request, of parts without support by the data."""
 
 from __future__ import annotations
 
@@ -10,24 +10,25 @@ from o3d_sofnn._kernels import KdTree, label_pieces
 from o3d_sofnn.geometry.mesh_properties import with_corner_in
 
 SAMPLES = 24
-"""Fewest samples on a piece of surface that is kept."""
+"""Smallest number of samples on a connected component that is kept."""
 
 
 SMOOTH = 1.5
-"""Length over the spacing along which values are averaged before a cut: single samples make no
-teeth. Less leaves teeth, more rounds corners."""
+"""Length, divided by the spacing, along which values are averaged before a cut, so that single
+samples do not make teeth. Less leaves teeth, more rounds corners."""
 
 
 SMOOTHINGS = 30
-"""Most averages over neighbours that this takes."""
+"""Largest number of averaging steps."""
 
 
 RINGS = 12
-"""Rings of triangles around the cut that take part."""
+"""Number of rings of triangles around the cut that take part."""
 
 
 SNAP = 0.1
-"""Least distance of a border vertex from the ends of its edge, over its length: no slivers."""
+"""Smallest distance of a border vertex from the ends of its edge, divided by the edge's length, so
+that there are no slivers."""
 
 
 Array = NDArray[np.float64]
@@ -39,13 +40,13 @@ Triangles = NDArray[np.int32]
 def drop_strays(
     vertices: Array, triangles: Triangles, samples: Array, n_threads: int
 ) -> tuple[Triangles, NDArray[np.int64]]:
-    """Drop pieces that hardly any sample lies on.
+    """Remove connected components with hardly any samples.
 
     Parameters
     ----------
     vertices : (m, 3) float64
     triangles : (t, 3) int32
-        A mesh of one or more pieces.
+        A mesh of one or more components.
     samples : (n, 3) float64
         Points moved onto the surface.
     n_threads : int
@@ -54,9 +55,9 @@ def drop_strays(
     Returns
     -------
     triangles : (k, 3) int32
-        What stays, numbered anew.
+        Remaining triangles, with new vertex indices.
     used : (v,) int64
-        Vertices that stay.
+        Indices of the remaining vertices.
     """
     label = np.asarray(label_pieces(triangles, len(vertices)))
     if not label.any():
@@ -71,9 +72,9 @@ def drop_strays(
 def cut(
     vertices: Array, triangles: Triangles, confidence: Array, values: Array, level: float
 ) -> tuple[Array, Triangles, Array]:
-    """Cut away where values at the vertices are below a level.
+    """Cut away parts where values at the vertices are below a level.
 
-    Every triangle across the line is divided, so the border is a smooth curve; the mesh stays
+    Every triangle across the cut is divided, so the border is a smooth curve; the mesh stays
     manifold.
 
     Parameters
@@ -82,20 +83,20 @@ def cut(
     triangles : (t, 3) int32
         A closed mesh.
     confidence : (m,) float64
-        Carried over to the new vertices.
+        Confidence, interpolated at the new vertices.
     values : (m,) float64
-        What is compared with the level.
+        Values that are compared with the level.
     level : float
-        Along which to cut.
+        Level at which to cut.
 
     Returns
     -------
     vertices, triangles, confidence
-        What stays, with new vertices along the border.
+        The remaining mesh, with new vertices along the border.
     """
     keep = values >= level
     number = keep[triangles].sum(axis=1)
-    # Turn each crossed triangle so that the corner that is alone on its side comes first.
+    # Rotate each crossed triangle so that the corner that is alone on its side comes first.
     alone = np.where(number == 1, 0, 1)[:, None] ^ keep[triangles]
     crossed = np.flatnonzero((number == 1) | (number == 2))
     turned = (np.argmax(alone[crossed], axis=1)[:, None] + np.arange(3)) % 3
@@ -127,7 +128,7 @@ def _edge_keys(a: NDArray[np.int64], b: NDArray[np.int64], n: int) -> NDArray[np
 
 
 def _compact(triangles: Triangles, n: int) -> tuple[Triangles, NDArray[np.int64]]:
-    """Leave out the vertices that no triangle uses."""
+    """Remove the vertices that no triangle uses."""
     is_used = np.zeros(n, bool)
     is_used[triangles] = True
     number = np.cumsum(is_used, dtype=np.int32) - 1
@@ -137,19 +138,19 @@ def _compact(triangles: Triangles, n: int) -> tuple[Triangles, NDArray[np.int64]
 def smoothed(
     values: Array, level: float, vertices: Array, triangles: Triangles, spacing: Array
 ) -> Array:
-    """Average values along the surface, around where they cross a level.
+    """Average values along the surface near the curves where they cross a level.
 
     Parameters
     ----------
     values : (m,) float64
-        At the vertices.
+        Values at the vertices.
     level : float
-        Along which to cut.
+        Level at which to cut.
     vertices : (m, 3) float64
     triangles : (t, 3) int32
         A closed mesh.
     spacing : (m,) float64
-        Of the samples at the vertices.
+        Spacing of the samples at the vertices.
 
     Returns
     -------
@@ -164,7 +165,7 @@ def smoothed(
     rows = np.flatnonzero(near)
     number = np.full(len(values), -1)
     number[rows] = np.arange(len(rows))
-    # Each edge is met once in each direction, so the followers of a vertex are its neighbours.
+    # Each edge occurs once in each direction, so the successors of a vertex are its neighbours.
     own = triangles[with_corner_in(near, triangles)]
     start, end = own.ravel(), own[:, [1, 2, 0]].ravel()
     own = near[start]

@@ -1,1 +1,1 @@
-"""Section 4: triangles of the zero set, on cubes as large as the data allow."""
+"""Section 4: triangulation of the zero set, on cubes as large as the data allow."""

@@ -1,4 +1,4 @@
-"""Sparse isosurface: cubes with data and those the surface leads to until it closes."""
+"""Sparse isosurface: cubes with data, and those that the surface enters until it closes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from o3d_sofnn.implicit.field import Evaluate
 
 BLOCK = 2**18
-"""Places that are looked at together: each needs some thirty numbers on the way."""
+"""Number of queries that are evaluated together: each needs about thirty numbers."""
 
 
 def extract(
@@ -26,20 +26,20 @@ def extract(
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Triangulate the zero set of a function through the cubes around some seeds.
 
-    Starting from the cubes that hold seeds, every cube across a face with a change of sign is
-    added, until there is none left: the surface is closed, and pieces without data are never met.
-    The cubes grow with the distance from the seeds.
+    Starting from the cubes that contain seeds, every cube across a face with a change of sign is
+    added until there is none left: the surface is closed, and components without data are never
+    found. The cubes grow with the distance from the seeds.
 
     Parameters
     ----------
     evaluate : callable
-        (m, 3) places to (m,) values, negative inside, and (m,) support.
+        Maps (m, 3) queries to (m,) values, negative inside, and (m,) support.
     seeds : (n, 3) float64
         Points near the surface.
     size : float
         Edge of a finest cube.
     levels : (n,) int64, optional
-        Cubes around a seed have an edge of ``size * 2**level``. None for 0.
+        Cubes around a seed have an edge of ``size * 2**level``. None means 0.
     n_threads : int, default 1
         Number of threads.
 
@@ -47,7 +47,7 @@ def extract(
     -------
     vertices : (v, 3) float64
     triangles : (t, 3) int32
-        A closed manifold, outward.
+        A closed manifold, oriented outward.
     """
     if levels is None:
         levels = np.zeros(len(seeds), np.int64)
@@ -67,12 +67,12 @@ def extract(
 def _walled(
     evaluate: Evaluate, grid: AdaptiveGrid, leaves: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """Evaluate in the middle of leaves; outside of the box of the domain all is outside."""
+    """Evaluate at the middles of leaves; everything beyond the wall of the domain is outside."""
     x = grid.positions(leaves)
     values, support = evaluate(x)
     edge = grid.edges(leaves)
     far = support == 0.0
-    # Far away only the sign counts; beside the wall the distance from it puts the surface there.
+    # Far away only the sign counts; beside the wall, the distance from it puts the surface there.
     values = np.where(far, values * edge, values)
     wall = np.maximum(grid.low - x, x - grid.high).max(axis=1)
     ends = far & (values < 0.0) & (wall > -2.0 * grid.size * edge)

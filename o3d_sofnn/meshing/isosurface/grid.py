@@ -1,9 +1,9 @@
 """Adaptive grid of the extraction: a balanced octree, fine at the data, and the cubes of its dual.
 
-The function is sampled in the middle of the leaves. A dual cube belongs to a corner of the octree
-and joins the middles of the eight leaves around it (Schaefer and Warren, "Dual marching cubes",
-2004). Where leaves have one size these are the cubes of a regular grid; where the size changes
-corners of a cube coincide, and the cubes still meet face to face: the surface has no cracks.
+The function is sampled at the middles of the leaves. A dual cube belongs to a corner of the octree
+and connects the middles of the eight leaves around it (Schaefer and Warren, "Dual marching cubes",
+2004). Where leaves have the same size, these are the cubes of a regular grid; where the size
+changes, corners of a cube coincide, but the cubes still meet face to face: there are no cracks.
 """
 
 from __future__ import annotations
@@ -25,28 +25,28 @@ FIELD = 2**BITS - 1
 
 
 MARGIN, LEAST = 8, 2
-"""Finest cells between the data and the wall of the domain, outside of which there is no inside:
-fewer where cells are so coarse that they would be more than :data:`BEYOND`, but at least two."""
+"""Number of finest cells between the data and the wall of the domain, beyond which everything is
+outside: fewer, but at least two, if cells are so coarse that this would exceed :data:`BEYOND`."""
 
 
 BEYOND = 0.4
-"""Most of the longest side of the data that the wall is away from it. Steps that move vertices go
-as far again at most, so that no mesh reaches more than a longest side beyond its data."""
+"""Largest distance of the wall from the data, divided by their longest side. Later steps move
+vertices at most as far again, so a mesh reaches at most one longest side beyond its data."""
 
 
 COARSEST = 16
-"""Largest leaves along the longest side of the data, at least."""
+"""Smallest number of largest leaves along the longest side of the data."""
 
 
 class AdaptiveGrid:
-    """Leaves of a balanced octree over all space.
+    """Leaves of a balanced octree that covers all space.
 
-    A leaf is named by its middle, a corner of the octree by its place, in half cells.
+    A leaf is identified by its middle, a corner of the octree by its position, in half cells.
 
     Parameters
     ----------
     points : (n, 3) float64
-        What the grid has to hold.
+        Points that the grid must contain.
     size : float
         Edge of a finest cell, in the unit of the points.
     levels : (n,) int64
@@ -55,7 +55,7 @@ class AdaptiveGrid:
     Raises
     ------
     ValueError
-        There were more than 500,000 cells along an axis.
+        There would be more than 500,000 cells along an axis.
     """
 
     def __init__(self, points: NDArray[np.float64], size: float, levels: NDArray[np.int64]) -> None:
@@ -75,18 +75,18 @@ class AdaptiveGrid:
         self._points, self._levels = points, levels
 
     def walk(self, n_threads: int = 1) -> DualWalk:
-        """Walk over the dual cubes, beginning with those that hold the points."""
+        """Start a walk through the dual cubes, beginning with those that contain the points."""
         return DualWalk(self._points, self.origin, self.size, self._levels, self.top, n_threads)
 
     def edges(self, leaves: Keys) -> NDArray[np.int64]:
-        """Edge of leaves in finest cells: the middle is an odd multiple of half of it."""
+        """Return the edge of leaves in finest cells: middles are odd multiples of half the edge."""
         return np.asarray(leaves & -leaves & FIELD)
 
     def positions(self, leaves: Keys) -> NDArray[np.float64]:
-        """Middles of leaves, (m, 3)."""
+        """Return the middles of leaves, (m, 3)."""
         return np.asarray(self.origin + 0.5 * self.size * unpack(leaves))
 
 
 def unpack(keys: Keys) -> NDArray[np.int64]:
-    """Integer coordinates of keys, (...) to (..., 3)."""
+    """Return the integer coordinates, (..., 3), of keys, (...)."""
     return np.stack([keys & FIELD, keys >> BITS & FIELD, keys >> 2 * BITS], axis=-1)

@@ -1,4 +1,4 @@
-"""Edges of the cubes: what the user wants, or what spacing, noise and curvature ask for."""
+"""Edges of the cubes, given by the user or determined by spacing, noise and curvature."""
 
 from __future__ import annotations
 
@@ -10,41 +10,41 @@ from o3d_sofnn.geometry.vectors import longest_side
 from o3d_sofnn.rules.rule_base import RuleBase
 
 SIDE = 1024
-"""Cubes along the longest side that are never too many, however few points a wide scene has; an
-object with n points has about sqrt(n) spacings along its side."""
+"""Number of cubes along the longest side that is always allowed, however few points a wide scene
+has; an object with n points has about sqrt(n) spacings along its side."""
 
 
 FEWEST = 6
-"""Cubes along the longest side that are never too few, wherever: the mesh of a handful of points
-stays within an extent of them."""
+"""Smallest number of cubes along the longest side: the mesh of a few points stays within one extent
+of them."""
 
 
 THIN = 0.6
-"""Confidence in the side below which a part is hardly thicker than the cubes, which are halved."""
+"""Confidence in the side below which a part is so thin that its cubes are halved."""
 
 
 FINER = 3
-"""Levels that the densest places may be finer than the median."""
+"""Number of levels by which the densest places may be finer than the median."""
 
 
 SPACING = 0.75
-"""Least edge, over the spacing."""
+"""Smallest edge, divided by the spacing."""
 
 
 RESOLVED = 0.15
-"""Least edge, over the radius of a rule: its quadric is resolved."""
+"""Smallest edge, divided by the radius of a rule: its quadric is then resolved."""
 
 
 COARSER = 2.0
-"""Times that edges are longer than that where the surface is flat."""
+"""Factor of that edge where the surface is flat."""
 
 
 ACCURACY = 2.0
-"""Error of a fit, over the noise and over the root of its number of points."""
+"""Error of a fit, divided by the noise level over the square root of its number of points."""
 
 
 CLEAN = 1e-3
-"""Error of a fit without noise, over its radius."""
+"""Error of a fit without noise, divided by its radius."""
 
 
 BENT = 0.95
@@ -52,24 +52,24 @@ BENT = 0.95
 
 
 AROUND = 9
-"""Neighbouring rules that are looked at, itself included."""
+"""Number of neighbouring rules that are examined, including the rule itself."""
 
 
 DOWN = 0.4
-"""Part of a halving that edges may be too long by."""
+"""Number of halvings (in levels) by which edges may be too long."""
 
 
 RESOLVES = 0.5
-"""Distance that a mesh resolves, over the edge of its cubes: what lies nearer is on it."""
+"""Resolution of a mesh, divided by the edge of its cubes: points closer to the mesh are on it."""
 
 
 SHEET = 1.2
-"""Spacing over that on solids for the cubes along sheets and scenes: 1.35 times fewer triangles,
-points 1.03 to 1.08 times as far from them (6 scans)."""
+"""Factor of the spacing for cubes along sheets and scenes, compared with solids: 1.35 times fewer
+triangles, and points 1.03 to 1.08 times as far from them (6 scans)."""
 
 
 def flat_edges(rules: RuleBase, n_threads: int) -> NDArray[np.float64]:
-    """Edges of cubes in which planes are as good as the quadrics are accurate; 0 beside an edge.
+    """Return edges of cubes in which planes are as accurate as the quadrics; 0 beside a crease.
 
     Parameters
     ----------
@@ -81,14 +81,14 @@ def flat_edges(rules: RuleBase, n_threads: int) -> NDArray[np.float64]:
     Returns
     -------
     (r,) float64
-        One a rule, in the unit of the points.
+        One edge per rule, in the unit of the points.
     """
     around = min(AROUND, len(rules))
     normals = rules.normals
     near = KdTree(rules.centers, n_threads).query(rules.centers, around, np.inf, n_threads)[1]
     bent = np.einsum("rkd,rd->rk", normals[near], normals).min(axis=1) < BENT
     error = np.maximum(ACCURACY * rules.noise / np.sqrt(rules.n_neighbors), CLEAN * rules.radius)
-    # A chord of this length leaves an arc by that much.
+    # A chord of this length deviates from an arc by that error.
     curvature = np.maximum(abs(rules.curvatures).max(axis=1), error / rules.radius**2)
     return np.where(bent, 0.0, np.sqrt(8.0 * error / curvature))
 
@@ -102,33 +102,32 @@ def choose_cubes(
     voxel_size: float | None,
     n_threads: int,
 ) -> tuple[float, float, NDArray[np.int64]]:
-    """Edges of the cubes along the surface.
+    """Choose the edges of the cubes along the surface.
 
-    Who gives a resolution gets it: all cubes are then of that size. Else they are as large as
+    If the user gives a resolution, all cubes have that size. Otherwise they are as large as
     spacing, noise and curvature allow.
 
     Parameters
     ----------
     points : (n, 3) float64
-        The cloud without its outliers: a single one far away may make its box a thousand times as
-        large.
+        The cloud without its outliers: a single distant one may enlarge its box a thousand times.
     samples : (n, 3) float64
-        The same, moved onto the surface.
+        The same points, moved onto the surface.
     spacing : (n,) float64
-        Edge of the square that one point covers, at each.
+        Edge of the square that each point covers.
     usual_spacing : float
-        The same where the data is as usual.
+        Typical value of this edge.
     rules : RuleBase
         Rules.
     voxel_size : float or None
-        Edge of a cube, in the unit of the points, if the user has given one.
+        Edge of a cube, in the unit of the points, if the user gave one.
     n_threads : int
         Number of threads.
 
     Returns
     -------
     size : float
-        Edge of a cube where the data is as usual.
+        Typical edge of a cube.
     finest : float
         Edge of the finest cubes.
     levels : (n,) int64
@@ -148,7 +147,7 @@ def choose_voxel_size(
     rules: RuleBase,
     flat: NDArray[np.float64],
 ) -> float:
-    """Edge of a cube that most of the data asks for.
+    """Return the edge of a cube that suits most of the data.
 
     Parameters
     ----------
@@ -164,7 +163,7 @@ def choose_voxel_size(
     Returns
     -------
     float
-        In the unit of the points.
+        Edge in the unit of the points.
     """
     least = np.maximum(SPACING * spacing, RESOLVED * rules.radius)
     wanted = float(np.median(np.clip(flat, least, COARSER * least)))
@@ -181,9 +180,9 @@ def choose_levels(
     sizes: tuple[float, float],
     n_threads: int,
 ) -> tuple[float, NDArray[np.int64]]:
-    """Halve or double the cubes where the data is denser or sparser, or bent more or less.
+    """Halve or double the cubes according to the local density and curvature.
 
-    Where a clean part is thin they are halved once more, so that arms do not fall to pieces.
+    On thin parts without noise they are halved once more, so that arms do not fall to pieces.
 
     Parameters
     ----------
@@ -196,7 +195,7 @@ def choose_levels(
     flat : (r,) float64
         What :func:`flat_edges` says of them.
     sizes : (float, float)
-        Edge of a cube where data is as usual, and the longest that any may have.
+        Typical edge of a cube, and the longest allowed edge.
     n_threads : int
         Number of threads.
 
@@ -209,7 +208,7 @@ def choose_levels(
     """
     size, most = sizes
     nearest = KdTree(rules.centers, n_threads).query(samples, 1, np.inf, n_threads)[1][:, 0]
-    # Wide rules are no reason for gaps.
+    # Wide rules must not cause gaps.
     resolved = np.minimum(RESOLVED * rules.radius[nearest], size)
     least = np.maximum(SPACING * spacing, resolved)
     wanted = np.minimum(np.clip(flat[nearest], least, COARSER * least), most)

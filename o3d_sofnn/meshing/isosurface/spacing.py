@@ -1,4 +1,4 @@
-"""Distance of neighbouring samples, along scan lines and across them."""
+"""Distance between neighbouring samples, along and across scan lines."""
 
 from __future__ import annotations
 
@@ -8,42 +8,42 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import KdTree
 
 AMONG = 24
-"""Points around a place that tell how far apart they are."""
+"""Number of neighbours that determine the spacing at a point."""
 
 
 ALONG = 4
-"""Those of them that tell where a scan line goes."""
+"""Number of these that determine the direction of a scan line."""
 
 
 LINE = 0.866
-"""Cosine to the direction of a scan line from which on a neighbour is on that line."""
+"""Cosine to the direction of a scan line above which a neighbour is on that line."""
 
 
 ACROSS = 0.8
-"""Spacing over the distance across scan lines; among points drawn at random one in 25 says more
-than the mean."""
+"""Spacing divided by the distance across scan lines; for randomly drawn points, it exceeds the mean
+at one point in 25."""
 
 
 PLACES = 50_000
-"""Points of many that are asked."""
+"""Largest number of points at which the spacing is measured."""
 
 
 UNEVEN = 1.6
-"""Ratio of the spacing that the points around one show to that of its region from which on the
-density is uneven there: none in a hundred million points drawn evenly, 1.4 at a border."""
+"""Spacing of the neighbours of a point, divided by the spacing of its region, above which the
+density is uneven there: none of a hundred million uniformly drawn points; 1.4 at a border."""
 
 
 def spacing_around(
     points: NDArray[np.float64], tree: KdTree, n_threads: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Distance of neighbours around every point, in the mean and where it is largest.
+    """Measure the distance between neighbours around every point: the mean and the largest.
 
     Parameters
     ----------
     points : (n, 3) float64
-        In Morton order.
+        Points in Morton order.
     tree : KdTree
-        Over them.
+        Tree of the points.
     n_threads : int
         Number of threads.
 
@@ -52,8 +52,8 @@ def spacing_around(
     mean : (n,) float64
         The edge of the square that one point covers.
     widest : (n,) float64
-        What separates the scan line that each point is on from the next one, if that is more; at
-        least what `AMONG` points show.
+        Distance from the scan line of each point to the next line, if that is more than the spacing
+        of the nearest `AMONG` points.
     """
     few = 1 + len(points) // PLACES
     places = np.ascontiguousarray(points[few // 2 :: few])
@@ -77,14 +77,14 @@ def local_spacing(
     tree: KdTree,
     n_threads: int,
 ) -> NDArray[np.float64]:
-    """Spacing of samples where that of a region is too small: scenes, and uneven density.
+    """Correct the spacing where the regional value is too small: scenes, and uneven density.
 
     Parameters
     ----------
     spacing : (n,) float64
-        Edge of the square that one point covers in the region of each.
+        Edge of the square that one point covers in the region of each point.
     on_solid : (n,) bool
-        Points for which that holds unless the density is uneven.
+        Points for which the regional value is valid unless the density is uneven.
     points, tree, n_threads
         As in :func:`spacing_around`.
 

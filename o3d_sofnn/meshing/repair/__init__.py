@@ -1,1 +1,1 @@
-"""Vertices moved to better places, small handles opened, no triangle through another."""
+"""Mesh improvement: better vertex positions, no small handles, no intersecting triangles."""

@@ -1,9 +1,9 @@
-"""Handles smaller than the data can tell are opened: two sheets that touch have no tunnel between.
+"""Removal of handles below the resolution of the data, such as tunnels between touching sheets.
 
-Where two sheets come nearer to each other than the samples of one of them, the function decides by
-chance on which side of both a place lies, and bridges and tunnels appear. A loop that does not
-divide the surface and runs around such a handle is cut, and both sides get a lid (Guskov and Wood,
-"Topological noise removal", 2001). Pieces stay connected, and what has room for samples stays.
+Where two sheets are closer together than their samples, the sign of the function between them is
+random, and bridges and tunnels appear. A loop that does not divide the surface and runs around such
+a handle is cut, and both sides get a lid (Guskov and Wood, "Topological noise removal", 2001).
+Components stay connected, and handles large enough for samples are kept.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from o3d_sofnn.geometry.mesh_properties import with_corner_in
 from o3d_sofnn.meshing.repair.relaxation import smooth_closings
 
 REACH = 3.0
-"""Radius of a ball that holds the whole of a handle that is opened, over the spacing."""
+"""Radius of a ball that contains a removed handle, divided by the spacing."""
 
 
 LARGEST = 4096
@@ -28,20 +28,20 @@ isolated sample far from all others it would hold much of the mesh, with all of 
 
 
 ROUNDS = 3
-"""Times that the handles are looked for: edges found for one may lie at another one."""
+"""Number of searches for handles: edges found for one handle may belong to another."""
 
 
 RINGS = 2
-"""Rings of triangles around a cut that are smoothed."""
+"""Number of rings of triangles around a cut that are smoothed."""
 
 
 SMOOTHINGS = 8
-"""Times that what cuts other triangles is smoothed, each time with a ring more around it."""
+"""Number of times that intersecting triangles are smoothed, each time with one more ring."""
 
 
 ATTEMPTS = 4
-"""Times that handles are opened, without those whose lids went on cutting other triangles. In a
-tree of thin branches (430 / 2 handles) 20 in 178 stay that could be opened."""
+"""Number of attempts, each without the handles whose lids still intersected other triangles. In a
+tree of thin branches (430 / 2 handles), 20 of 178 removable handles are left."""
 
 
 Array = NDArray[np.float64]
@@ -53,26 +53,26 @@ Triangles = NDArray[np.int32]
 def open_handles(
     vertices: Array, triangles: Triangles, spacing: Callable[[Array], Array], n_threads: int = 1
 ) -> tuple[Array, Triangles, NDArray[np.int64]]:
-    """Open the small handles of a closed mesh, but for those whose lids would cut other triangles.
+    """Remove small handles of a closed mesh, unless their lids would intersect other triangles.
 
     Parameters
     ----------
     vertices : (m, 3) float64
     triangles : (t, 3) int32
-        A closed manifold, no triangle of which cuts another one.
+        A closed manifold without intersecting triangles.
     spacing : callable
-        (k, 3) places to (k,) distances of neighbouring samples there.
+        Maps (k, 3) queries to the (k,) distances between neighbouring samples there.
     n_threads : int, default 1
         Number of threads.
 
     Returns
     -------
     vertices : (m + c, 3) float64
-        Those of the lids at the end; the others stay, but for those beside a cut.
+        Vertices; those of the lids come last. Others do not move, except beside a cut.
     triangles : (t + d, 3) int32
-        Of the same kind, with a smaller or the same genus.
+        A mesh of the same kind, with a smaller or the same genus.
     source : (m + c,) int64
-        The given vertex that each one was, or is near to.
+        For each vertex, the same or a nearby vertex of the input.
     """
     left = np.zeros((0, 3))
     for _ in range(ATTEMPTS):
@@ -89,7 +89,7 @@ def open_handles(
 def _cut(
     vertices: Array, triangles: Triangles, spacing: Callable[[Array], Array], left: Array
 ) -> tuple[Array, Triangles, NDArray[np.int64], NDArray[np.bool_], Array]:
-    """Open the handles that are not around some places; vertices on cuts, and where it began."""
+    """Cut the handles except at given places; also return vertices on cuts, and their origins."""
     source = np.arange(len(vertices))
     on_cut = np.zeros(len(vertices), bool)
     seeds = [np.zeros((0, 3))]
@@ -114,13 +114,13 @@ def _cut(
 
 
 def _nearest(points: Array, x: Array, n_threads: int) -> tuple[Array, NDArray[np.int64]]:
-    """Distances and numbers of the points nearest to some places."""
+    """Return the distances and indices of the points nearest to queries."""
     distance, number = KdTree(points, n_threads).query(x, 1, np.inf, n_threads)
     return distance[:, 0], number[:, 0]
 
 
 def has_handles(vertices: Array, triangles: Triangles) -> bool:
-    """Whether a closed mesh has a genus above zero: by its Euler characteristic, V - T / 2."""
+    """Return whether a closed mesh has a genus above zero (Euler characteristic V - T / 2)."""
     pieces = int(np.asarray(label_pieces(triangles, len(vertices))).max(initial=-1)) + 1
     return 2 * len(vertices) - len(triangles) < 4 * pieces
 
@@ -128,7 +128,7 @@ def has_handles(vertices: Array, triangles: Triangles) -> bool:
 def _draw_back(
     vertices: Array, triangles: Triangles, on_cut: NDArray[np.bool_], n_threads: int
 ) -> tuple[Array, Array]:
-    """Draw the lids back, each to its own side; corners of triangles that go on cutting others."""
+    """Pull each lid back to its own side; also return corners of triangles that still intersect."""
     near, rings = on_cut.copy(), RINGS
     for _ in range(SMOOTHINGS):
         for _ in range(rings):

@@ -1,4 +1,4 @@
-"""Vertices moved along the surface to even out their triangles, and back onto the surface."""
+"""Vertex relaxation along the surface, for well-shaped triangles, and projection onto it."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ if TYPE_CHECKING:
     from o3d_sofnn.implicit.field import Evaluate
 
 SHARE = 0.5
-"""Part of the way to the middle of its neighbours that a vertex goes."""
+"""Fraction of the way to the middle of its neighbours that a vertex moves."""
 
 
 REACH = 0.25
-"""Longest way back to the surface, over the mean length of the edges of a vertex."""
+"""Longest way back to the surface, divided by the mean length of the vertex's edges."""
 
 
 TURN = 0.5
-"""Least cosine between the normals of a triangle before and after."""
+"""Smallest cosine between the normals of a triangle before and after."""
 
 
 LOOSE = 0.5
-"""Support below which a vertex belongs to a closing and not to the data."""
+"""Support below which a vertex belongs to a closing, not to the data."""
 
 
 ROUNDS = 6
-"""Times that closings are averaged: a dent of as many edges goes."""
+"""Number of times that closings are averaged, which removes dents of as many edges."""
 
 
 Array = NDArray[np.float64]
@@ -42,11 +42,11 @@ def relax(
     triangles: NDArray[np.int32],
     evaluate: Evaluate,
 ) -> tuple[Array, Array]:
-    """Even out the triangles of a closed mesh.
+    """Improve the shape of the triangles of a closed mesh.
 
-    Every vertex goes towards the middle of its neighbours, in its tangential plane only, and then
-    along its normal to the zero of the function. A vertex goes back where a triangle would turn.
-    What closes holes is smoothed.
+    Every vertex moves towards the middle of its neighbours within its tangent plane, and then along
+    its normal to the zero of the function. It moves back if a triangle would flip. Closings of
+    holes are smoothed.
 
     Parameters
     ----------
@@ -54,13 +54,13 @@ def relax(
     triangles : (t, 3) int32
         A closed mesh.
     evaluate : callable
-        (m, 3) places to (m,) signed distances and (m,) support.
+        Maps (m, 3) queries to (m,) signed distances and (m,) support.
 
     Returns
     -------
     vertices : (m, 3) float64
     support : (m,) float64
-        Where the vertices went along the surface.
+        Support by the data at the vertices, after moving along the surface.
     """
     normals, ways, lengths = map(np.asarray, surroundings(vertices, triangles))
     stepped = vertices + SHARE * ways
@@ -72,7 +72,7 @@ def relax(
 
 
 def smooth_closings(vertices: Array, triangles: NDArray[np.int32], support: Array) -> Array:
-    """Smooth what closes holes, like a membrane that the data holds.
+    """Smooth the closings of holes, like a membrane fixed at the data.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def smooth_closings(vertices: Array, triangles: NDArray[np.int32], support: Arra
     triangles : (t, 3) int32
         A closed mesh.
     support : (m,) float64
-        Vertices without any move most, those on the data stay.
+        Support of the vertices: those without any move most, those on the data do not move.
 
     Returns
     -------
@@ -108,31 +108,31 @@ def smooth_closings(vertices: Array, triangles: NDArray[np.int32], support: Arra
 
 
 SMOOTH = 0.95
-"""Cosine between the normals of a vertex and of its triangles from which on the surface is smooth:
-beside an edge chords say nothing about curvature."""
+"""Cosine between the normals of a vertex and of its triangles above which the surface is smooth:
+beside a sharp edge, chords are no evidence of curvature."""
 
 
 def balance_chords(vertices: Array, triangles: NDArray[np.int32], share: float) -> Array:
-    """Move the vertices along their normals until the triangles lie on the surface in the mean.
+    """Move the vertices along their normals until the triangles lie on the surface on average.
 
-    Over a triangle with edges ``d`` a quadratic surface is off the plane through the corners by
-    ``-sum(d.H.d) / 24`` in the mean, with its second derivatives ``H``, and ``d.H.d`` is the
-    product of the edge with the difference of the normals at its ends. With corners ``x`` and
-    normals ``n`` the sum is ``3 sum(n.x) - sum(n).sum(x)``.
+    Above a triangle with edges ``d``, the mean height of a quadratic surface with the second
+    derivatives ``H`` is ``-sum(d.H.d) / 24``, and ``d.H.d`` is the dot product of the edge and the
+    difference of the normals at its ends. With corners ``x`` and normals ``n``, the sum is
+    ``3 sum(n.x) - sum(n).sum(x)``.
 
     Parameters
     ----------
     vertices : (m, 3) float64
-        On the surface.
+        Vertices on the surface.
     triangles : (t, 3) int32
         A closed mesh.
     share : float
-        Part of the way, 0 to 1.
+        Fraction of the way, 0 to 1.
 
     Returns
     -------
     (m, 3) float64
-        Vertices of triangles beside a sharp edge stay.
+        New positions; vertices of triangles beside a sharp edge do not move.
     """
     if share == 0.0:
         return vertices

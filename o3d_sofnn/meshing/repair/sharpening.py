@@ -1,9 +1,9 @@
-"""Vertices beside a sharp edge moved onto it.
+"""Sharp edges: vertices beside a sharp edge are moved onto it.
 
-Marching cubes puts vertices on the edges of cubes only, so that a sharp edge of the surface is cut
-off within every cube. The planes that touch the surface around a vertex meet on the edge (Kobbelt
-et al. 2001, "Feature sensitive surface extraction"; planes at the middle of each triangle as of
-Ohtake and Belyaev 2002, "Dual/primal mesh optimization").
+Marching cubes places vertices on the edges of cubes only, so that a sharp edge of the surface is
+cut off within every cube. The tangent planes around a vertex meet on the edge (Kobbelt et al. 2001,
+"Feature sensitive surface extraction"; with planes at the middle of each triangle as in Ohtake and
+Belyaev 2002, "Dual/primal mesh optimization").
 """
 
 from __future__ import annotations
@@ -24,31 +24,31 @@ SHARP = 0.9
 
 
 STEP = 0.1
-"""Way along which the gradient is taken, over the length of the edges."""
+"""Step of the numerical gradient, divided by the length of the edges."""
 
 
 SLOPE = (0.3, 3.0)
-"""Length of the gradient of a distance-like function; elsewhere its zero is not looked for."""
+"""Range of the gradient's length of a distance-like function; outside it, no zero is searched."""
 
 
 SUPPORTED = 0.5
-"""Support by the data above which planes are looked for, and vertices moved to where they meet."""
+"""Support by the data above which tangent planes are used, and vertices moved to their meeting."""
 
 
 DISTINCT = 0.05
-"""Least share of a direction in the planes' normals that counts: along an edge there is none."""
+"""Smallest share of a direction in the planes' normals that counts: along an edge it is zero."""
 
 
 REACH = 2.0
-"""Longest way of a vertex, over the length of its edges."""
+"""Longest way of a vertex, divided by the length of its edges."""
 
 
 TURN = 0.2
-"""Least cosine between the normals of a triangle before and after."""
+"""Smallest cosine between the normals of a triangle before and after."""
 
 
 ROUNDS = 8
-"""Times that vertices are moved, neighbours not in the same round but for the last one."""
+"""Number of rounds; neighbours do not move in the same round, except in the last one."""
 
 
 Array = NDArray[np.float64]
@@ -61,9 +61,9 @@ def sharpen(
 ) -> Array:
     """Move the vertices beside sharp edges and corners onto them.
 
-    Of the vertices on either side of an edge those with the shortest ways go first: together they
-    would leave nothing of the triangles between them. A vertex goes back where a triangle would
-    turn.
+    Of the vertices on the two sides of an edge, those with the shortest ways move first: if they
+    moved together, nothing would be left of the triangles between them. A vertex moves back if a
+    triangle would flip.
 
     Parameters
     ----------
@@ -71,12 +71,12 @@ def sharpen(
     triangles : (t, 3) int32
         A closed mesh.
     evaluate : callable
-        (m, 3) places to (m,) signed distances and (m,) support.
+        Maps (m, 3) queries to (m,) signed distances and (m,) support.
 
     Returns
     -------
     (m, 3) float64
-        Vertices; smooth parts stay as they are.
+        New positions; vertices on smooth parts do not move.
     """
     normals, _, lengths = map(np.asarray, surroundings(vertices, triangles))
     sharp = np.asarray(bent_vertices(vertices, triangles, normals, SHARP)) > 0
@@ -94,14 +94,14 @@ def sharpen(
     ways[chosen] = np.linalg.norm(steps, axis=1) / lengths[chosen]
     aims = vertices.copy()
     aims[chosen] += steps
-    # Planes of sparse data may meet where there is none.
+    # Planes of sparse data may meet where there is no surface.
     near = np.zeros(len(vertices), bool)
     near[chosen] = evaluate(aims[chosen])[1] > SUPPORTED
     return _move_in_turn(vertices, aims, np.where(near & (ways < REACH), ways, np.inf), around)
 
 
 def _move_in_turn(vertices: Array, aims: Array, ways: Array, triangles: NDArray[np.int32]) -> Array:
-    """Move vertices of some triangles to their aims, short ways first, infinite ones never."""
+    """Move vertices of some triangles to their targets, shortest ways first, infinite never."""
     order = np.argsort(ways, kind="stable")
     turn = np.empty(len(vertices), np.int64)
     turn[order] = np.arange(len(vertices))
@@ -122,23 +122,23 @@ def _move_in_turn(vertices: Array, aims: Array, ways: Array, triangles: NDArray[
 def touching_planes(
     x: Array, length: Array, evaluate: Evaluate
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Planes that touch the zero set of a function beside some places.
+    """Find the tangent planes of a function's zero set near queries.
 
     Parameters
     ----------
     x : (n, 3) float64
-        Places.
+        Queries.
     length : (n,) float64
-        Size of what shall be seen there.
+        Length scale at each query.
     evaluate : callable
         As in :func:`sharpen`.
 
     Returns
     -------
     feet, normals : (n, 3) float64
-        A place on each plane, and its unit normal.
+        A point on each plane, and its unit normal.
     valid : (n,) bool
-        Where the function is supported by data and like a distance.
+        True where the function is supported by data and behaves like a distance.
     """
     step = STEP * length
     ahead = x + step[:, None] * np.eye(3)[:, None]
@@ -153,7 +153,7 @@ def touching_planes(
 
 
 def _meeting_points(vertex: NDArray[np.int64], normals: Array, offset: Array, count: int) -> Array:
-    """Shortest ways of vertices to where their planes meet best in the mean square, (count, 3)."""
+    """Return the shortest ways of vertices to where their planes meet (least squares)."""
     used, row = np.unique(vertex, return_inverse=True)
     products = np.einsum("ni,nj->nij", normals, normals).reshape(-1, 9)
     matrix = np.stack([np.bincount(row, part) for part in products.T], axis=1)
@@ -161,7 +161,7 @@ def _meeting_points(vertex: NDArray[np.int64], normals: Array, offset: Array, co
     number = np.bincount(row)[:, None]
     share, axes = np.linalg.eigh((matrix / number).reshape(-1, 3, 3))
     inverse = np.where(share > DISTINCT, 1.0 / np.maximum(share, DISTINCT), 0.0)
-    inverse[share[:, 1] <= DISTINCT] = 0.0  # one direction alone: no edge
+    inverse[share[:, 1] <= DISTINCT] = 0.0  # a single direction: no edge
     steps = np.zeros((count, 3))
     steps[used] = np.einsum("nij,nj,nkj,nk->ni", axes, inverse, axes, right / number)
     return steps

@@ -1,6 +1,6 @@
-"""No triangle cuts another one: moves of vertices that make some do so are taken back.
+"""No intersecting triangles: vertex moves that cause intersections are undone.
 
-It begins with a mesh in which none does, as marching cubes gives it.
+The first mesh must be free of intersections, as marching cubes makes it.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ Triangles = NDArray[np.int32]
 
 
 def untangle(steps: Sequence[Array], triangles: Triangles, n_threads: int) -> Array:
-    """Take back moves until no triangle cuts, touches or covers another one.
+    """Undo moves until no triangle intersects, touches or covers another one.
 
-    Of the corners of two triangles that do so, the one that has come the longest way in the last
-    step that moved any of them goes back to where it was before.
+    Of the corners of two triangles that do so, the one that moved farthest in the last step that
+    moved any of them returns to its position before that step.
 
     Parameters
     ----------
     steps : sequence of (m, 3) float64
-        Places of the vertices: at first, where no triangle cuts another one, and after each step.
+        Positions of the vertices: initially, without intersections, and after each step.
     triangles : (t, 3) int32
-        What is common to neighbours does not count.
+        Triangles; shared vertices and edges do not count as intersections.
     n_threads : int
         Number of threads.
 
     Returns
     -------
     (m, 3) float64
-        Vertices as after the last step, but for those that went back.
+        Positions after the last step, except for vertices whose moves were undone.
     """
     vertices = steps[-1].copy()
     stage = np.full(len(vertices), len(steps) - 1)
@@ -51,7 +51,7 @@ def untangle(steps: Sequence[Array], triangles: Triangles, n_threads: int) -> Ar
         for number in range(len(steps) - 1, 0, -1):
             own = used[stage[used] == number]
             way[own] = np.linalg.norm(vertices[own] - steps[number - 1][own], axis=1)
-            stage[own[way[own] == 0.0]] -= 1  # it stayed in this step
+            stage[own[way[own] == 0.0]] -= 1  # it did not move in this step
         last = stage[corners] == stage[corners].max(axis=1, keepdims=True)
         farthest = np.where(last, way[corners], -1.0).argmax(axis=1)[:, None]
         back = np.unique(np.take_along_axis(corners, farthest, axis=1))
