@@ -214,7 +214,7 @@ def check_contents(
         What is going to be written there, with normals.
     template : path-like, optional
         As of :func:`write_point_cloud`.
-    extra : collection of str, optional
+    extra : collection of str, default ()
         Names of further numbers per point.
 
     Raises
