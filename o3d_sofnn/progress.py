@@ -1,4 +1,4 @@
-"""Progress reports: a bar on a terminal, or plain lines that another program can read."""
+"""Progress reports: a bar, or plain lines that another program can read."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal, Protocol, TextIO
+from typing import Any, Literal, Protocol, TextIO
 
 ProgressCallback = Callable[[float, str], None]
 """Called with the fraction done (0 to 1) and what is being done; what it raises propagates."""
@@ -69,6 +69,51 @@ class ProgressBar:
             self._stream = None  # the work is worth more than its bar
 
 
+class TimedBar:
+    """A bar of tqdm: it says the time left, and is a widget in notebooks.
+
+    Parameters
+    ----------
+    tqdm : type
+        The class ``tqdm.auto.tqdm``.
+    """
+
+    def __init__(self, tqdm: Any) -> None:
+        self._tqdm = tqdm
+        self._bar: Any = None
+        self._shown: tuple[int, str] | None = None
+        self._lost = False
+
+    def __call__(self, fraction: float, text: str) -> None:
+        """Redraw the bar when the percentage or the text has changed."""
+        state = (_percent(fraction), printable(text))
+        if state == self._shown or self._lost:
+            return
+        self._shown = state
+        try:
+            if self._bar is None:
+                form = "{l_bar}{bar}| {elapsed}<{remaining}"
+                self._bar = self._tqdm(total=100, bar_format=form, dynamic_ncols=True)
+            self._bar.n = state[0]
+            self._bar.set_description(state[1])
+        except (OSError, ValueError):  # a terminal that is gone, or a stream that is closed
+            self._lose()
+
+    def close(self) -> None:
+        """End the bar; what is reported later begins another."""
+        if self._bar is not None:
+            try:
+                self._bar.close()
+            except (OSError, ValueError):
+                self._lose()
+        self._bar = self._shown = None
+
+    def _lose(self) -> None:
+        self._lost = True  # the work is worth more than its bar
+        if self._bar is not None:
+            self._bar.disable = True  # or it would write once more when it is deleted
+
+
 class PlainProgress:
     """Lines ``PROGRESS n text``, n the whole percentage, never falling.
 
@@ -104,6 +149,17 @@ class NoProgress:
         """Nothing to tidy."""
 
 
+def make_bar() -> Progress:
+    """Return a bar for the standard error stream of the moment: of tqdm where that is installed."""
+    if sys.stderr is None:
+        return NoProgress()
+    try:
+        from tqdm.auto import tqdm
+    except ImportError:
+        return ProgressBar()
+    return TimedBar(tqdm)
+
+
 def make_progress(mode: ProgressMode) -> Progress:
     """Return the reporter for a command line's ``--progress``.
 
@@ -120,7 +176,7 @@ def make_progress(mode: ProgressMode) -> Progress:
     if mode == "plain":
         return PlainProgress()
     if mode == "bar" or (mode == "auto" and sys.stderr is not None and sys.stderr.isatty()):
-        return ProgressBar()
+        return make_bar()
     return NoProgress()
 
 

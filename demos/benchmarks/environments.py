@@ -11,6 +11,7 @@ import argparse
 import contextlib
 import io
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -70,7 +71,7 @@ def row(python: str, numpy: str, with_open3d: bool, wheel: Path) -> str:
         started = time.perf_counter()
         try:
             _run([python, "-m", "venv", str(place)], folder)
-            program = str(next(place.glob("*/python*")))
+            program = str(place / ("Scripts" if os.name == "nt" else "bin") / "python")
             extras = "[open3d,las]" if with_open3d else "[las]"
             wanted = [f"{wheel}{extras}", NUMPY[numpy]]
             install = [program, "-m", "pip", "install", "--quiet", "--only-binary", ":all:"]

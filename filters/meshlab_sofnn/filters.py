@@ -36,8 +36,9 @@ def reconstruct(
         Use the vertex normals of the layer instead of estimating them.
     closed : {"auto", "yes", "no"} or int, default "auto"
         Whether holes are closed; "auto" closes solids and small holes.
-    trim : float, default 0
+    trim : float or "auto", default 0
         Remove triangles with a confidence below this (0 to 1) instead; 0 for what ``closed`` says.
+        "auto" is another name for ``closed="auto"``.
     target_triangles : int, default 0
         Decimate to so many triangles; 0 keeps all.
     precision : PercentageValue or PureValue, default 0

@@ -35,9 +35,10 @@ class Parameter:
     ----------
     name : str
         Lower-case keyword, the same as in the native plugin.
-    kind : {"bool", "int", "float", "length", "enum", "closing", "point"}
+    kind : {"bool", "int", "level", "length", "enum", "closing", "point"}
         MeshLab's type; a "length" is given as ``PercentageValue`` (of the diagonal of the
-        layer's bounding box) or ``PureValue`` (in the cloud's unit).
+        layer's bounding box) or ``PureValue`` (in the cloud's unit), a "level" as a number or
+        "auto".
     default : object
         0 and 0 % stand for "chosen automatically".
     """
@@ -62,7 +63,7 @@ PARAMETERS: dict[str, tuple[Parameter, ...]] = {
         Parameter("voxel_size", "length", 0.0),
         Parameter("use_normals", "bool", False),
         Parameter("closed", "closing", 0),
-        Parameter("trim", "float", 0.0),
+        Parameter("trim", "level", 0.0),
         Parameter("target_triangles", "int", 0),
         Parameter("precision", "length", 0.0),
         *_COMMON,
@@ -165,13 +166,15 @@ def _int(name: str, value: Any) -> int:
     return int(value)
 
 
-def _float(name: str, value: Any) -> float:
+def _level(name: str, value: Any) -> float | str:
+    if isinstance(value, str) and value == "auto":
+        return value
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise _expected(name, "a number", value)
+        raise _expected(name, 'a number or "auto"', value)
     try:
         return float(value)
     except OverflowError:
-        raise _expected(name, "a number", value) from None
+        raise _expected(name, 'a number or "auto"', value) from None
 
 
 def _length(name: str, value: Any, diagonal: float) -> float:
@@ -215,7 +218,7 @@ def _point(name: str, value: Any) -> np.ndarray:
 _CONVERT: dict[str, Callable[[str, Any], Any]] = {
     "bool": _bool,
     "int": _int,
-    "float": _float,
+    "level": _level,
     "enum": functools.partial(_enum, choices=ORIENTATIONS),
     "closing": functools.partial(_enum, choices=CLOSINGS),
     "point": _point,

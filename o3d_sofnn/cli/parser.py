@@ -218,7 +218,8 @@ def _add_progress(parser: argparse.ArgumentParser) -> None:
         "--progress",
         choices=("auto", "bar", "plain", "none"),
         default="auto",
-        help="auto (default): a bar on a terminal; plain: lines 'PROGRESS percent text'",
+        help="auto (default): a bar on a terminal, by tqdm if it is installed; plain: lines "
+        "'PROGRESS percent text'",
     )
 
 

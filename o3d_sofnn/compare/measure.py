@@ -108,6 +108,28 @@ def figures(points: Array, mesh: Mesh, truth: Truth | None, count: int) -> dict[
     return {key: float(value) for key, value in found.items()}
 
 
+def turned(row: dict[str, Any]) -> dict[str, Any] | None:
+    """Return the figures of a result with its sides turned once, if they are wrong as a whole.
+
+    Parameters
+    ----------
+    row : dict
+        Keys of ``FIGURES``, and others, which are kept.
+
+    Returns
+    -------
+    dict or None
+        Normals are turned if more than half of them are flipped, triangles if on the whole they
+        face away from the truth. None if neither is so, or the truth is not known.
+    """
+    found = dict(row)
+    if (row.get("flipped") or 0.0) > 50.0:
+        found["flipped"] = 100.0 - row["flipped"]
+    if (row.get("normal_consistency") or 0.0) < 0.0:
+        found["normal_consistency"] = -row["normal_consistency"]
+    return None if found == row else found
+
+
 def show(key: str, value: float) -> str:
     """Return a figure as people read it."""
     if key in YES_OR_NO:

@@ -15,7 +15,7 @@ from typing import Any
 
 from o3d_sofnn.compare import charts, colors
 from o3d_sofnn.compare.evaluate import METHODS, WORST
-from o3d_sofnn.compare.measure import FIGURES, YES_OR_NO, show
+from o3d_sofnn.compare.measure import FIGURES, YES_OR_NO, show, turned
 from o3d_sofnn.compare.scene import Scene, pack
 from o3d_sofnn.files.point_files import open_atomic
 
@@ -40,9 +40,13 @@ SMALLER_IS_BETTER = {
 }
 LARGER_IS_BETTER = {"f_score", "normal_consistency"}
 TEXTS = ("input", "method")
+TURNED = ", with the sides turned once"
+"""After the title of a method, in the second row of one whose sides are wrong as a whole."""
 
 
-def write(path: Path, rows: list[Row], scenes: list[Scene], note: str = "") -> None:
+def write(
+    path: Path, rows: list[Row], scenes: list[Scene], note: str = "", machine: str = ""
+) -> None:
     """Write the report, and its charts as SVG files beside it.
 
     Parameters
@@ -55,6 +59,8 @@ def write(path: Path, rows: list[Row], scenes: list[Scene], note: str = "") -> N
         For the panes.
     note : str, default ""
         A sentence above everything.
+    machine : str, default ""
+        What the methods ran with, and on what.
 
     Raises
     ------
@@ -77,6 +83,7 @@ def write(path: Path, rows: list[Row], scenes: list[Scene], note: str = "") -> N
         **own,
         "policy": html.escape(_policy([own["style"]], [own["viewer"], own["script"]])),
         "note": f'<p class="note">{html.escape(note)}</p>' if note else "",
+        "machine": f"<p>{html.escape(machine)}</p>" if machine else "",
         "failures": _failures(rows),
         "legend": "".join(
             f'<span class="m{list(METHODS).index(method)}">{html.escape(TITLES[method])}</span>'
@@ -89,7 +96,7 @@ def write(path: Path, rows: list[Row], scenes: list[Scene], note: str = "") -> N
             if svg
         ),
         "summary": _table("summary", ["method", "runs", "failed", *figures], summarise(rows)),
-        "results": _table("results", ["method", "input", "points", "noise", *figures], rows),
+        "results": _table("results", ["method", "input", "points", "noise", *figures], _both(rows)),
         "worst": f"{1000 * WORST:g}",
         "scenes": json.dumps(
             {"heat": colors.HEAT, "scenes": [pack(scene, TITLES) for scene in scenes]},
@@ -130,20 +137,39 @@ def _policy(styles: list[str], scripts: list[str]) -> str:
 
 
 def summarise(rows: Iterable[Row]) -> list[Row]:
-    """Return one row a method: medians of its figures, shares of yes for yes-or-no figures."""
+    """Return one row a method: medians of its figures, shares of yes for yes-or-no figures.
+
+    A method whose sides are wrong as a whole on some clouds has a second row, with those turned.
+    """
     rows = list(rows)
     summary = []
     for method in _methods(rows):
         own = [row for row in rows if row["method"] == method]
-        good = [row for row in own if not row["error"]]
-        line: Row = {"method": method, "error": "" if good else "failed on every cloud"}
-        line |= {"runs": len(own), "failed": len(own) - len(good)}
-        for key in FIGURES:
-            values = [row[key] for row in good if row.get(key) is not None]
-            if values:
-                line[key] = sum(values) / len(values) if key in YES_OR_NO else median(values)
-        summary.append(line)
+        summary.append(_medians(method, own))
+        again = [turned(row) or row for row in own]
+        if again != own:
+            summary.append(_medians(method, again) | {"turned": True})
     return summary
+
+
+def _medians(method: str, own: list[Row]) -> Row:
+    good = [row for row in own if not row["error"]]
+    line: Row = {"method": method, "error": "" if good else "failed on every cloud"}
+    line |= {"runs": len(own), "failed": len(own) - len(good)}
+    for key in FIGURES:
+        values = [row[key] for row in good if row.get(key) is not None]
+        if values:
+            line[key] = sum(values) / len(values) if key in YES_OR_NO else median(values)
+    return line
+
+
+def _both(rows: list[Row]) -> list[Row]:
+    """Return the rows, and behind each whose sides are wrong as a whole what turning them gives."""
+    found = []
+    for row in rows:
+        again = turned(row)
+        found += [row] if again is None else [row, again | {"turned": True}]
+    return found
 
 
 def _methods(rows: Iterable[Row]) -> list[str]:
@@ -209,7 +235,9 @@ def _line(row: Row, columns: list[str], rows: list[Row]) -> str:
     rivals = [
         other
         for other in rows
-        if not other["error"] and all(other.get(key) == row.get(key) for key in own)
+        if not other["error"]
+        and not other.get("turned")
+        and all(other.get(key) == row.get(key) for key in own)
     ]
     cells = []
     for place, key in enumerate(columns):
@@ -218,7 +246,10 @@ def _line(row: Row, columns: list[str], rows: list[Row]) -> str:
             span = len(columns) - place
             cells.append(f'<td class="failed" colspan="{span}">failed: {message}</td>')
             break
-        cells.append(_cell(key, row.get(key), rivals))
+        if key in TEXTS:
+            cells.append(_text(row[key], _title(row) if key == "method" else row[key]))
+        else:
+            cells.append(_cell(key, row.get(key), [] if row.get("turned") else rivals))
     kind = ' class="ours"' if row["method"] == "ours" else ""
     return f"<tr{kind}>{''.join(cells)}</tr>"
 
@@ -226,12 +257,18 @@ def _line(row: Row, columns: list[str], rows: list[Row]) -> str:
 def _cell(key: str, value: Any, rivals: list[Row]) -> str:
     if value is None:
         return '<td data-value="">–</td>'
-    if key in TEXTS:
-        shown = TITLES[value] if key == "method" else value
-        return f'<td class="text" data-value="{html.escape(value)}">{html.escape(shown)}</td>'
     known = [rival[key] for rival in rivals if rival.get(key) is not None]
-    best = (key in SMALLER_IS_BETTER and value <= min(known)) or (
-        key in LARGER_IS_BETTER and value >= max(known)
+    best = len(known) > 1 and (
+        (key in SMALLER_IS_BETTER and value <= min(known))
+        or (key in LARGER_IS_BETTER and value >= max(known))
     )
-    kind = ' class="best"' if best and len(known) > 1 else ""
+    kind = ' class="best"' if best else ""
     return f'<td{kind} data-value="{value!r}">{show(key, value)}</td>'
+
+
+def _title(row: Row) -> str:
+    return TITLES[row["method"]] + (TURNED if row.get("turned") else "")
+
+
+def _text(value: str, shown: str) -> str:
+    return f'<td class="text" data-value="{html.escape(value)}">{html.escape(shown)}</td>'

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
+import platform
+import re
+import subprocess
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import scipy
+
+import o3d_sofnn
+from o3d_sofnn import adapters
 from o3d_sofnn.compare import cases, report
 from o3d_sofnn.compare.cases import Case, Ladder, Source
 from o3d_sofnn.compare.evaluate import METHODS, Evaluation, Look, before, evaluate
@@ -16,6 +27,7 @@ from o3d_sofnn.compare.isolated import call
 from o3d_sofnn.compare.measure import FIGURES
 from o3d_sofnn.compare.scene import Scene
 from o3d_sofnn.progress import NoProgress, ProgressCallback, rescale
+from o3d_sofnn.validation import thread_count
 
 Row = dict[str, Any]
 
@@ -120,7 +132,7 @@ def run(
     finally:
         if result.rows:
             _write_csv(output / "results.csv", result.rows)
-            report.write(result.report, result.rows, result.scenes, note)
+            report.write(result.report, result.rows, result.scenes, note, machine())
     return result
 
 
@@ -168,6 +180,37 @@ def _compare(case: Case, job: _Job, result: Result, progress: ProgressCallback) 
         result.rows.append(row)
         scene.add(row, None if found is None else found.look)
         _write_csv(job.output / "results.csv", result.rows)
+
+
+def machine() -> str:
+    """Return what the methods run with, and on what: packages with versions, system, processor."""
+    packages = {
+        "o3d_sofnn": o3d_sofnn.__version__,
+        "Python": platform.python_version(),
+        "NumPy": np.__version__,
+        "SciPy": scipy.__version__,
+        "Open3D": adapters.import_open3d().__version__,
+    }
+    with contextlib.suppress(PackageNotFoundError):  # its methods say that it is missing
+        packages["PyMeshLab"] = version("pymeshlab")
+    named = ", ".join(f"{name} {number}" for name, number in packages.items())
+    place = f"{platform.system()}, {_processor()}, {thread_count(-1)} threads"
+    return f"{named}; {place}."
+
+
+def _processor() -> str:
+    """Return the name of the processor where the system tells it, else of its kind."""
+    told = Path("/proc/cpuinfo")
+    if told.exists():
+        found = re.search(r"model name\s*:\s*(.+)", told.read_text(errors="replace"))
+        if found:
+            return found[1].strip()
+    if sys.platform == "darwin":
+        asked = ["/usr/sbin/sysctl", "-n", "machdep.cpu.brand_string"]
+        done = subprocess.run(asked, capture_output=True, text=True, check=False)
+        if done.returncode == 0:
+            return done.stdout.strip()
+    return platform.processor() or platform.machine()
 
 
 def _row(name: str, points: int | None, noise: float | None, method: str, error: str) -> Row:

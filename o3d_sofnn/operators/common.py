@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn import adapters, validation
-from o3d_sofnn.progress import ProgressBar, ProgressCallback
+from o3d_sofnn.progress import ProgressCallback, make_bar
 from o3d_sofnn.results import left_out
 
 _logger = logging.getLogger("o3d_sofnn")
@@ -42,7 +42,7 @@ def progress_of(print_progress: bool | ProgressCallback) -> Iterator[ProgressCal
     if callable(print_progress):
         yield print_progress
     elif validation.check_flag(print_progress, "print_progress", "True, False or a callable"):
-        with contextlib.closing(ProgressBar()) as bar:
+        with contextlib.closing(make_bar()) as bar:
             yield bar
     else:
         yield None

@@ -103,7 +103,8 @@ def reconstruct_surface(
     n_threads : int, default -1
         -1 uses all cores. The result is the same for any number.
     print_progress : bool or callable, default False
-        True draws a bar on the standard error stream; a callable gets (fraction, text).
+        True draws a bar on the standard error stream, with the time left (and as a widget in
+        notebooks) where tqdm is installed; a callable gets (fraction, text).
     return_details : bool, default False
         Return the details too.
 

@@ -124,6 +124,54 @@ def test_figures_of_a_known_mesh():
     assert measure.figures(vertices, opened, truth, 1000)["holes"] >= 1
 
 
+def side_row(method, flipped, consistency, chamfer=1.0):
+    figures = {"flipped": flipped, "normal_consistency": consistency, "chamfer": chamfer}
+    return run._row("ball", 900, 0.0, method, "") | figures
+
+
+@pytest.mark.parametrize(
+    ("flipped", "consistency", "expected"),
+    [
+        (98.0, -0.9, (2.0, 0.9)),
+        (98.0, 0.9, (2.0, 0.9)),
+        (50.0, -0.9, (50.0, 0.9)),
+        (None, -0.9, (None, 0.9)),
+        (50.0, 0.9, None),
+        (0.0, None, None),
+        (None, None, None),
+    ],
+)
+def test_sides_that_are_wrong_as_a_whole_are_turned_once(flipped, consistency, expected):
+    row = side_row("ours", flipped, consistency)
+    found = measure.turned(row)
+    if expected is None:
+        assert found is None
+    else:
+        assert (found["flipped"], found["normal_consistency"]) == expected
+        assert measure.turned(found) is None
+        assert {key for key in row if row[key] != found[key]} <= {"flipped", "normal_consistency"}
+
+
+def test_the_report_has_a_second_row_for_turned_sides(tmp_path):
+    rows = [
+        side_row("ours", 0.0, 0.99),
+        side_row("open3d_poisson", 98.0, -0.9, chamfer=2.0),
+        side_row("open3d_poisson", 4.0, 0.8, chamfer=4.0),
+    ]
+    report.write(tmp_path / "report.html", rows, [])
+    page = Page(tmp_path / "report.html")
+    titles = {table: [cells[0][1] for cells in page.rows[table][1:]] for table in page.rows}
+    second = "Open3D Poisson, with the sides turned once"
+    assert titles["results"] == ["o3d_sofnn", "Open3D Poisson", second, "Open3D Poisson"]
+    assert titles["summary"] == ["o3d_sofnn", "Open3D Poisson", second]
+    lines = [
+        dict(zip(page.titles["summary"], row, strict=True)) for row in page.rows["summary"][1:]
+    ]
+    assert [float(line["flipped"][0]) for line in lines] == [0.0, 51.0, 3.0]
+    assert [float(line["chamfer"][0]) for line in lines] == [1.0, 3.0, 3.0]
+    assert (tmp_path / "report.html").read_text(encoding="utf-8").count('class="best"') == 6
+
+
 def test_errors_on_a_scan_begin_beyond_the_neighbours():
     from o3d_sofnn.compare.evaluate import WORST, surface_errors
 

@@ -34,7 +34,8 @@ BAD = [
     (RECONSTRUCT, {"depth": 5.0}, "Parameter depth: expected an integer, got 5.0"),
     (RECONSTRUCT, {"depth": True}, "Parameter depth: expected an integer, got True"),
     (RECONSTRUCT, {"trim": 1.5}, 'trim: expected a number from 0 to 1 or "auto", got 1.5'),
-    (RECONSTRUCT, {"trim": "much"}, "Parameter trim: expected a number, got 'much'"),
+    (RECONSTRUCT, {"trim": "much"}, "trim: expected a number or \"auto\", got 'much'"),
+    (RECONSTRUCT, {"trim": "auto", "closed": "no"}, "trim and closed"),
     (RECONSTRUCT, {"use_normals": 1}, "Parameter use_normals: expected True or False, got 1"),
     (NORMALS, {"max_nn": 3}, "max_nn: expected an integer from 6 to"),
     (NORMALS, {"n_threads": 0}, "n_threads: expected"),
@@ -49,7 +50,7 @@ BAD = [
     (NORMALS, {"orientation": None}, "Parameter orientation: expected an integer, got None"),
     (NORMALS, {"orientation": -(10**5000)}, "Enum a value of type int not valid"),
     (RECONSTRUCT, {"depth": 10**400}, "depth: expected an integer from 1 to 16, got 1000"),
-    (RECONSTRUCT, {"trim": 10**400}, "Parameter trim: expected a number, got 1000"),
+    (RECONSTRUCT, {"trim": 10**400}, 'trim: expected a number or "auto", got 1000'),
     (RECONSTRUCT, {"n_threads": 2**31}, "n_threads: expected"),
     (NORMALS, {"orientation": "direction", "direction": (0, 0, 0)}, "towards: expected"),
 ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -11,17 +10,10 @@ import pytest
 from layer_checks import assert_is_surface
 
 from o3d_sofnn import pipeline
-from o3d_sofnn.options import OF_NORMALS, Options
 
 pymeshlab = pytest.importorskip("pymeshlab", reason="PyMeshLab is not installed")
 import meshlab_sofnn  # noqa: E402 - it needs PyMeshLab
 from meshlab_sofnn import engine, layers  # noqa: E402
-from meshlab_sofnn.parameters import (  # noqa: E402
-    NORMALS,
-    PARAMETERS,
-    RECONSTRUCT,
-    pipeline_options,
-)
 
 MATRIX = np.array(
     [
@@ -176,22 +168,6 @@ def test_orientation_and_neighbourhood(ms: Any, points: Any, params: Any, option
         ms.current_mesh().vertex_normal_matrix(),
         pipeline.estimate_normals(points, **options).normals,
     )
-
-
-@pytest.mark.parametrize("name", [RECONSTRUCT, NORMALS])
-def test_filters_take_every_option_of_the_operators(name: str) -> None:
-    fields = {field.name for field in dataclasses.fields(Options)}
-    expected = fields if name == RECONSTRUCT else set(OF_NORMALS)
-    given = {
-        "viewpoint": {"orientation": 1, "viewpos": np.ones(3)},
-        "towards": {"orientation": 2, "direction": np.ones(3)},
-    }
-    known = {parameter.name: parameter.default for parameter in PARAMETERS[name]}
-    reached = set()
-    for option in expected:
-        changed = known | given.get(option, {option: 1})
-        reached |= set(pipeline_options(name, changed)) - {"use_normals"}
-    assert reached == expected
 
 
 def test_a_surface_faces_the_viewpoint(ms: Any, points: Any) -> None:
