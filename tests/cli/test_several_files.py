@@ -256,7 +256,12 @@ def test_ctrl_c_ends_all_and_leaves_what_is_done(
 
     monkeypatch.setattr(commands, "run", interrupted)
     command = ["normals", "scans", "out", "--json", "report.json"]
-    assert main.main(command) == main.INTERRUPTED
+    # A job in the background begins with the signal ignored, and so would the command.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        assert main.main(command) == main.INTERRUPTED
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert lines(capfd) == ["o3d-sofnn: error: interrupted"]
     assert names(Path("out")) == ["a.ply"]
     assert not Path("report.json").exists()
