@@ -16,8 +16,8 @@ SOURCES := pyproject.toml CMakeLists.txt README.md LICENSE \
 		\( -name '*.py' -o -name '*.pyi' -o -name '*.typed' -o -name '*.[ch]pp' \
 		-o -path '*/page/*' \) 2>/dev/null)
 
-# MeshLab's sources, whose headers are read, come by apt from the Debian mirror that is configured. The
-# suite is one that has 2022.02; PyMeshLab is of the same release, whose last Python is 3.11.
+# MeshLab's sources, of which the headers are read, come by apt from the configured Debian mirror, and from
+# a suite that has 2022.02. PyMeshLab of the same release supports Python up to 3.11.
 PYTHON311 ?= python3.11
 MESHLAB := $(VENV)/build/meshlab
 MESHLAB_SUITE := trixie main

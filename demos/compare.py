@@ -22,7 +22,7 @@ MODELS = ("bunny", "cow")
 
 
 def main() -> int:
-    """Compare; 0 when this package succeeded on every cloud, 1 when not, 130 after Ctrl-C."""
+    """Compare; return 0 if this package succeeded on every cloud, 1 if not, 130 after Ctrl-C."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("input", nargs="*", type=Path, metavar="IN", help="scans, closed meshes")
     comparison.add_options(parser, demo.HERE / "output" / "compare")
@@ -38,7 +38,7 @@ def main() -> int:
 
 
 def _inputs(quick: bool) -> list[Source]:
-    """Return what is compared without arguments."""
+    """Return the inputs that are compared without arguments."""
     scans = [Source("chameleon", lambda: inputs.chameleon().points, inputs.CHAMELEON_VIEW)]
     if not quick:
         scans.append(Source("face", lambda: inputs.face().points, inputs.FACE_VIEW))

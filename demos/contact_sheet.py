@@ -1,4 +1,4 @@
-"""A sheet to look at: points, our mesh and Open3D's chain from three sides, figures beneath."""
+"""A contact sheet: points, our mesh and Open3D's chain from three sides, with figures below."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from o3d_sofnn.compare.raster import Frame, View, draw_mesh, draw_points
 Array = NDArray[Any]
 
 AROUND = (View((0.6, -1.0, 0.45)), View((-1.0, 0.35, 0.3)), View((0.1, -0.25, 1.0)))
-"""From the front, from the left, from above: for what is seen from all sides."""
+"""From the front, the left, and above: views of surfaces that are visible from all sides."""
 ONE_SIDED = 0.25
-"""Length of the mean normal from which on a surface shows one side, and is looked at from there."""
+"""Length of the mean normal above which a surface shows one side, and is viewed from there."""
 TURN = 0.6
-"""Angle to the other views of it, in radians."""
+"""Angle to its other views, in radians."""
 INVENTED = (0.98, 0.80, 0.15)
-"""Colour of what is farther than ``FAR`` times the spacing there from any point."""
+"""Colour of surface that is farther than ``FAR`` times the spacing there from any point."""
 FAR, AROUND_POINT = 5.0, 24
 """Neighbours that tell the spacing: enough to reach the next scan lines."""
 INK = (0.25, 0.33, 0.45)
 MOST_POINTS = 60_000
-"""Points that are drawn."""
+"""Largest number of points that are drawn."""
 SIDE, TEXT = 230, 44
 """Width of a picture and height of the text, in pixels."""
 TRIMMED = 0.01
-"""Share of the points left out at each end of each axis when the picture is framed: a few far away
-would leave nothing to be seen."""
+"""Share of the points left out at each end of each axis when the picture is framed: otherwise a few
+distant ones would make everything else tiny."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """A third of a row: points, or a mesh when there are triangles, and a line of text."""
+    """A third of a row: points, or a mesh if there are triangles, and a line of text."""
 
     caption: str
     points: Array
@@ -66,9 +66,9 @@ def draw_row(title: str, cloud: Array, views: tuple[View, ...], parts: list[Part
     Parameters
     ----------
     title : str
-        Above all.
+        Text above the row.
     cloud : (n, 3) float64
-        Points; what is far from all of them is yellow.
+        Points; surface far from all of them is drawn in yellow.
     views : tuple of View
         Pictures of each part.
     parts : list of Part
@@ -77,7 +77,7 @@ def draw_row(title: str, cloud: Array, views: tuple[View, ...], parts: list[Part
     Returns
     -------
     PIL.Image.Image
-        Backs of triangles are red.
+        The row; backs of triangles are red.
     """
     low, high = np.quantile(cloud, [TRIMMED, 1.0 - TRIMMED], axis=0)
     inside = ((cloud >= low) & (cloud <= high)).all(axis=1)

@@ -1,4 +1,4 @@
-"""What all demos share: options, one line of progress a job, failures that stay where they are."""
+"""Common parts of all demos: options, one line of progress per job, and contained failures."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import Any
 HERE = Path(__file__).parent
 
 Job = Callable[[], None]
-"""Does a part of a demo and prints what came out; raises what went wrong."""
+"""Does a part of a demo and prints the result; raises an exception if it fails."""
 
 
 def parser(
@@ -28,11 +28,11 @@ def parser(
     description : str
         The demo's docstring; its first line is shown.
     name : str
-        Of the demo: its results go to demos/output/<name>.
+        Name of the demo: its results go to demos/output/<name>.
     timeout : float
         Default number of seconds for one job.
     docs : str, optional
-        Adds the option ``--docs``: what it renews.
+        Help text of the option ``--docs``, which updates pictures; None leaves the option out.
     """
     found = argparse.ArgumentParser(description=description.splitlines()[0])
     found.add_argument(
@@ -56,21 +56,21 @@ def parser(
 
 
 def work(jobs: Mapping[str, Job], output: Path, finish: Job | None = None) -> int:
-    """Do all jobs in order; whatever fails, the others go on.
+    """Do all jobs in order; if one fails, the others are still done.
 
     Parameters
     ----------
     jobs : mapping of str to callable
         Titles and jobs.
     output : Path
-        Where the results are; made when it is missing.
+        Folder of the results; it is created if missing.
     finish : callable, optional
-        Done at the end, also after Ctrl-C, with what there is.
+        Called at the end, also after Ctrl-C, to use the results so far.
 
     Returns
     -------
     int
-        0 when every job succeeded, 1 when one failed, 130 after Ctrl-C.
+        0 if every job succeeded, 1 if one failed, 130 after Ctrl-C.
     """
     output.mkdir(parents=True, exist_ok=True)
     failed = []
@@ -94,7 +94,7 @@ def work(jobs: Mapping[str, Job], output: Path, finish: Job | None = None) -> in
 
 @contextlib.contextmanager
 def step(text: str) -> Iterator[None]:
-    """Say what a job is doing, on a terminal with the seconds that pass, and how long it took."""
+    """Print what a job is doing, on a terminal with a running clock, and how long it took."""
     started, ended = time.perf_counter(), threading.Event()
     print(f"  {text} ...", flush=True)
 
@@ -116,7 +116,7 @@ def step(text: str) -> Iterator[None]:
 
 
 def write_csv(path: Path, rows: Sequence[Mapping[str, Any]], columns: Iterable[str] = ()) -> None:
-    """Write rows as they stand now; without `columns` the first row says what they are."""
+    """Write the current rows; without `columns`, the first row determines the columns."""
     with path.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, list(columns) or list(rows[0]))
         writer.writeheader()
@@ -126,7 +126,7 @@ def write_csv(path: Path, rows: Sequence[Mapping[str, Any]], columns: Iterable[s
 def _done(job: Job) -> bool:
     try:
         job()
-    except Exception as error:  # one input must not end the demo
+    except Exception as error:  # a failing input must not end the demo
         print(f"  failed: {error}", flush=True)
         return False
     return True

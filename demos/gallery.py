@@ -1,4 +1,4 @@
-"""What clouds are like, and the line of code that each takes: the pictures of docs/gallery."""
+"""Kinds of clouds, and the line of code for each: draws the pictures of docs/gallery."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class Case:
     make : callable
         (number of points) -> Cloud.
     text : str
-        What is special about it.
+        What is special about the cloud.
     options : dict
-        Of ``reconstruct_surface``, beside the ``trim`` of the cloud.
+        Options of ``reconstruct_surface``, in addition to the ``trim`` of the cloud.
     """
 
     make: Callable[[int], Cloud]
@@ -69,7 +69,7 @@ def main() -> int:
 
 
 def _run(name: str, case: Case, count: int, output: Path, timeout: float, rows: list[str]) -> None:
-    """Draw a case, and append its row of the table in the README."""
+    """Draw a case, and append its row to the README's table."""
     cloud = case.make(count)
     result: Result = call(reconstruct, cloud, None, case.options, timeout=timeout).get()
     pictures.draw(

@@ -1,4 +1,4 @@
-"""The clouds of the demos: what comes with the pymeshlab wheel, and degraded copies of it."""
+"""The clouds of the demos: models from the pymeshlab wheel, and degraded copies of them."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True)
 class Cloud:
-    """Points to reconstruct, and from where to look at them.
+    """Points to reconstruct, and a view of them.
 
     Attributes
     ----------
     name : str
-        Also the name of the files that are written.
+        Name of the cloud and of the files that are written.
     points : (n, 3) float64
-        In the unit of the source.
+        Points in the unit of the source.
     colors : (n, 3) float64, optional
-        0 to 1.
+        Colours from 0 to 1.
     view : View
-        For pictures.
+        View of the pictures.
     trim : float, optional
         Option of ``reconstruct_surface`` for sheets with borders.
     """
@@ -67,7 +67,7 @@ MODELS = {
     "cow": ("cow.obj", View((-1.0, 0.25, 0.5), (0.0, 1.0, 0.0))),
     "bone": ("bone.ply", View((0.0, 0.3, 1.0), (0.0, 1.0, 0.0))),
 }
-"""Closed models of the wheel: file, and from where to look."""
+"""Closed models of the wheel: file and view."""
 CHAMELEON_VIEW = View((1.0, 0.25, 0.2), (0.0, 1.0, 0.0))
 FACE_VIEW = View((0.25, 0.05, 1.0), (0.0, 1.0, 0.0))
 
@@ -80,7 +80,7 @@ def sample_folder() -> Path:
 
 
 def read_model(name: str) -> tuple[Array, Array, Array | None]:
-    """Read vertices, triangles and colours (None when it has none) through pymeshlab.
+    """Read vertices, triangles and colours (None if there are none) through pymeshlab.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def read_model(name: str) -> tuple[Array, Array, Array | None]:
     try:
         meshes.load_new_mesh(str(sample_folder() / name))
     except pymeshlab.PyMeshLabException as error:
-        # Without a system library, pymeshlab goes on without its readers, after a warning.
+        # If a system library is missing, pymeshlab continues without its readers, after a warning.
         raise RuntimeError(
             f"{name}: {error}; on Debian or Ubuntu type: apt-get install libopengl0"
         ) from error
@@ -120,12 +120,12 @@ def face() -> Cloud:
 
 
 def bunny(count: int, seed: int = 0) -> Cloud:
-    """Return points drawn evenly from the bunny."""
+    """Return points drawn uniformly from the bunny."""
     return model("bunny", count, seed)
 
 
 def model(name: str, count: int, seed: int = 0) -> Cloud:
-    """Return points drawn evenly from one of ``MODELS``."""
+    """Return points drawn uniformly from one of ``MODELS``."""
     file, view = MODELS[name]
     vertices, triangles, _ = read_model(file)
     points, _ = mesh_properties.sample_surface(vertices, triangles, count, seed)
@@ -141,7 +141,7 @@ def with_colors(cloud: Cloud) -> Cloud:
 
 
 def with_noise(cloud: Cloud, sigma: float, seed: int = 1) -> Cloud:
-    """Move every point by a normal deviate, ``sigma`` in parts of the diagonal."""
+    """Move every point by Gaussian noise; ``sigma`` is a fraction of the diagonal."""
     rng = np.random.default_rng(seed)
     return replace(
         cloud, points=cloud.points + rng.normal(0.0, sigma * cloud.diagonal, cloud.points.shape)
@@ -158,7 +158,7 @@ def with_outliers(cloud: Cloud, share: float, seed: int = 2) -> Cloud:
 
 
 def with_holes(cloud: Cloud, radius: float, count: int = 4, seed: int = 3) -> Cloud:
-    """Cut balls out of the cloud, ``radius`` in parts of the diagonal, on the side that is seen."""
+    """Cut balls out of the visible side of the cloud; ``radius`` is a fraction of the diagonal."""
     rng = np.random.default_rng(seed)
     depth = cloud.points @ np.asarray(cloud.view.axes()[2])
     seen = np.flatnonzero(depth > np.quantile(depth, 0.7))

@@ -25,13 +25,13 @@ from o3d_sofnn.compare.peers import Array
 from o3d_sofnn.geometry import mesh_properties
 
 NOISE = (0.0, 0.005)
-"""Of the points, along each axis, in parts of the diagonal."""
+"""Noise of the points along each axis, as a fraction of the diagonal."""
 MODELS = ("bunny", "cow", "bone")
-"""Of the wheel, compared without arguments."""
+"""Models of the wheel that are compared without arguments."""
 SAMPLES = 50_000
-"""Points drawn from each surface to measure their distance."""
+"""Number of points drawn from each surface to measure their distance."""
 PATIENT = {"OMP_WAIT_POLICY": "PASSIVE"}
-"""Threads of OpenMP that wait at a barrier sleep: on a busy machine they would delay each other."""
+"""OpenMP threads that wait at a barrier sleep: on a busy machine, spinning would delay others."""
 
 TITLES = {
     "meshlab_sofnn": "ours",
@@ -41,9 +41,9 @@ TITLES = {
     "meshlab_rimls": "RIMLS",
     "meshlab_apss": "APSS",
 }
-"""Of the chains of filters."""
+"""Titles of the chains of filters."""
 COLUMNS = ("input", "method", "error", *FIGURES, "normals_seconds")
-"""Of the CSV file: those of ``o3d-sofnn compare``, and the time for normals."""
+"""Columns of the CSV file: those of ``o3d-sofnn compare``, and the time for normals."""
 SHOWN = ("chamfer", "hausdorff", "normal_consistency", "flipped")
 COUNTED = ("components", "triangles")
 
@@ -65,7 +65,7 @@ def main() -> int:
 
 @dataclass
 class Comparison:
-    """What is compared, and what came out so far."""
+    """The inputs of the comparison, and the results so far."""
 
     output: Path
     methods: Sequence[str]
@@ -103,7 +103,7 @@ class Comparison:
 
 
 def _clouds(file: str, count: int) -> Iterator[tuple[str, Array, Truth]]:
-    """Yield names, points and the true surface; a whole path, or a model of the wheel."""
+    """Yield names, points and the true surface of a file, or of a model of the wheel."""
     vertices, triangles, _ = inputs.read_model(file)
     if not mesh_properties.is_closed(triangles):
         raise ValueError(f"{file}: expected a closed mesh")
@@ -117,7 +117,7 @@ def _clouds(file: str, count: int) -> Iterator[tuple[str, Array, Truth]]:
 
 
 def _run(points: Array, truth: Truth, method: str, count: int, timeout: float) -> dict[str, Any]:
-    """Return a row of the table; what fails becomes one with its message."""
+    """Return a row of the table; a failure is a row with its message."""
     outcome = call(chains.run, points, method, timeout=timeout, environment=PATIENT)
     if outcome.error:
         return {"error": outcome.error}

@@ -1,9 +1,9 @@
-"""Section 5 of the paper, again: Figure 2, Figure 3 and Table 1, with tables "paper / here".
+"""Section 5 of the paper, repeated: Figure 2, Figure 3 and Table 1, with tables "paper / here".
 
 Without arguments the inputs are two crowns from ``dental_shapes``; any two files can be given
-instead, the first for the paper's incisor ("cutting"), the second for its molar. Of a file with
-more points than the paper had, as many as there are drawn at random; a mesh with fewer vertices
-is sampled.
+instead, the first for the paper's incisor ("cutting"), the second for its molar. From a file with
+more points than in the paper, as many as in the paper are drawn at random; a mesh with fewer
+vertices is sampled.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ QUICK = {"incisor": 400, "molar": 600}
 SIZES = (500, 1000, 2000, 4000, 8000, 16000)
 QUICK_SIZES = (300, 600)
 NOISE = 2e-4
-"""Of the generated points, in parts of the diagonal: well below the tolerance."""
+"""Noise of the generated points, as a fraction of the diagonal: well below the tolerance."""
 VOXELS = 100
 QUICK_VOXELS = 40
 """Cubes along the diagonal, the same for both methods."""
@@ -43,14 +43,14 @@ QUICK_VOXELS = 40
 
 @dataclass
 class Input:
-    """A tooth of the paper, and the points that stand for it here.
+    """A tooth of the paper, and the points that represent it here.
 
     Attributes
     ----------
     name : str
         incisor or molar.
     file : Path or None
-        Where the points are; None generates them.
+        File with the points; None generates them.
     """
 
     name: str
@@ -58,7 +58,7 @@ class Input:
 
     @cached_property
     def points(self) -> Array:
-        """Points in random order, so that the first n are a thinner cloud."""
+        """Return points in random order, so that the first n are a thinner cloud."""
         if self.file is None:
             tooth = TEETH[self.name]()
             diagonal = 2.0 * float(np.linalg.norm(tooth.half_size))
@@ -70,13 +70,13 @@ class Input:
 
     @property
     def tooth(self) -> dental_shapes.Tooth | None:
-        """The true surface, when it is known."""
+        """Return the true surface, if it is known."""
         return TEETH[self.name]() if self.file is None else None
 
 
 @dataclass
 class Paper:
-    """The experiments, and what came out so far."""
+    """The experiments, and their results so far."""
 
     output: Path
     quick: bool
@@ -174,7 +174,7 @@ def main() -> int:
 
 
 def growth(rows: list[dict[str, Any]]) -> str:
-    """Say how the number of offset points grows with the number of points."""
+    """Describe how the number of offset points grows with the number of points."""
     counts = [(row["points"], row["offset_points"]) for row in rows if row["offset_points"] > 0]
     if not counts:
         return "no offset points"

@@ -1,4 +1,4 @@
-"""Pictures in rows: points and meshes seen from one place, each with a line of text below."""
+"""Rows of pictures: points and meshes from the same view, each with a line of text below."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ CAPTION = 30
 
 @dataclass(frozen=True)
 class Panel:
-    """One part of a picture: points, or a mesh when there are triangles.
+    """One part of a picture: points, or a mesh if there are triangles.
 
     Attributes
     ----------
@@ -33,9 +33,10 @@ class Panel:
     points : (n, 3) array
         Points, or vertices.
     triangles : (f, 3) integer array, optional
-        Of a mesh. Backs of triangles are drawn in red.
+        Triangles of a mesh. Their backs are drawn in red.
     colors : (n, 3) array, optional
-        Red, green, blue from 0 to 1, one row a point. Points without: paler with the distance.
+        Red, green, blue from 0 to 1, one row per point. Without them, points become paler with the
+        distance.
     """
 
     caption: str
@@ -53,22 +54,22 @@ def draw(
     columns: int | None = None,
     max_bytes: int | None = None,
 ) -> Image.Image:
-    """Draw panels side by side, all from the same place.
+    """Draw panels side by side, all from the same view.
 
     Parameters
     ----------
     path : Path
         The PNG file to write.
     panels : list of Panel
-        From left to right. The first decides what fits in.
+        Panels from left to right. The first one determines the frame.
     view : View
-        Common to all panels.
+        View of all panels.
     height : int, default 460
-        Of one panel, in pixels, without its caption.
+        Height of one panel, in pixels, without its caption.
     columns : int, optional
-        Panels a row; None puts all into one.
+        Panels per row; None puts all into one row.
     max_bytes : int, optional
-        Size of the file that is not exceeded: colours, then pixels are saved.
+        Largest size of the file; colours, then pixels are reduced to reach it.
 
     Returns
     -------
@@ -94,7 +95,7 @@ def draw(
 
 
 def stack(pictures: list[Image.Image]) -> Image.Image:
-    """Return the pictures below each other, as wide as the narrowest."""
+    """Return the pictures stacked vertically, as wide as the narrowest."""
     width = min(each.width for each in pictures)
     pictures = [
         each.resize((width, each.height * width // each.width), Image.LANCZOS) for each in pictures
@@ -108,7 +109,7 @@ def stack(pictures: list[Image.Image]) -> Image.Image:
 
 
 def save(path: Path, image: Image.Image, max_bytes: int | None = None) -> None:
-    """Write a PNG file of at most ``max_bytes``: colours, then pixels are saved."""
+    """Write a PNG file of at most ``max_bytes``; colours, then pixels are reduced to reach it."""
     data = _png(image)
     for colors in (256, 128, 64):
         if max_bytes is None or len(data) <= max_bytes:

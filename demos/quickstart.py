@@ -1,7 +1,7 @@
 """Real scans in, meshes and pictures out.
 
 The scans come with the pymeshlab wheel: a coloured chameleon, one range scan of a head (an open
-sheet, trimmed), and points drawn from the bunny. Nothing is downloaded, no screen is needed.
+sheet, trimmed), and points drawn from the bunny. Nothing is downloaded, and no screen is needed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""One cloud through ``reconstruct_surface``, as quickstart and gallery need it."""
+"""Reconstruction of one cloud with ``reconstruct_surface``, for quickstart and gallery."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ class Result:
     cloud : Cloud
         The input.
     normals : (n, 3) float64
-        Of the points.
+        Normals of the points.
     vertices : (m, 3) float64
-        Of the mesh.
+        Vertices of the mesh.
     triangles : (f, 3) int32
-        Of the mesh.
+        Triangles of the mesh.
     colors : (m, 3) float64, optional
-        Of the vertices, when the points had colours.
+        Colours of the vertices, if the points had colours.
     watertight : bool
         Whether the mesh is closed.
     seconds : float

@@ -1,7 +1,7 @@
-"""The only door to Open3D: legacy and tensor clouds to float64 arrays and back.
+"""The only module that uses Open3D: converts legacy and tensor clouds to float64 arrays and back.
 
-Open3D is imported inside the functions: it takes seconds, and any of its flavours (``open3d``,
-``open3d-cpu`` ...) serves, so the package does not depend on one of them.
+Open3D is imported inside the functions: that takes seconds, and any of its packages (``open3d``,
+``open3d-cpu`` ...) will do, so this package does not depend on one of them.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ class CloudArrays:
     Attributes
     ----------
     points : numpy.ndarray, shape (n, 3), float64
-        Coordinates; NaN and infinity as the user has them.
+        Coordinates, including NaN and infinity.
     normals : numpy.ndarray, shape (n, 3), float64, or None
-        Normals, when the cloud has them.
+        Normals, if the cloud has them.
     attributes : dict of str to numpy.ndarray, shape (n, k)
         Everything else that is stored per point ("colors" among them), in its own number type.
     """
@@ -83,12 +83,12 @@ def read_cloud(pcd: Any) -> CloudArrays:
     Returns
     -------
     CloudArrays
-        Coordinates and normals in float64. Copies: who is called back may change the cloud.
+        Coordinates and normals in float64. They are copies, since callbacks may change the cloud.
 
     Raises
     ------
     ValueError
-        ``pcd`` is no point cloud of Open3D.
+        ``pcd`` is not a point cloud of Open3D.
     """
     if isinstance(pcd, CloudArrays):
         return pcd
@@ -115,7 +115,7 @@ def write_normals(pcd: Any, normals: NDArray[np.float64]) -> None:
     Raises
     ------
     ValueError
-        ``pcd`` has another number of points.
+        ``pcd`` has a different number of points.
     """
     o3d = import_open3d()
     tensor = _is_tensor(pcd)
@@ -147,7 +147,7 @@ def make_mesh(pcd: Any, vertices: CloudArrays, triangles: NDArray[np.integer[Any
     Returns
     -------
     open3d.geometry.TriangleMesh or open3d.t.geometry.TriangleMesh
-        Owns its memory.
+        The mesh, which owns its memory.
     """
     o3d = import_open3d()
     if not _is_tensor(pcd):
@@ -188,24 +188,24 @@ def make_cloud(arrays: CloudArrays) -> Any:
 
 
 def read_mesh(mesh: Any) -> tuple[CloudArrays, NDArray[np.int64]]:
-    """Return the vertices of an Open3D triangle mesh, with what they carry, and the triangles.
+    """Return the vertices of an Open3D triangle mesh, with their attributes, and the triangles.
 
     Parameters
     ----------
     mesh : open3d.geometry.TriangleMesh or open3d.t.geometry.TriangleMesh
-        Not changed. Or a pair of CloudArrays and (f, 3) triangles.
+        The mesh, not changed; or a pair of CloudArrays and (f, 3) triangles.
 
     Returns
     -------
     vertices : CloudArrays
-        Coordinates, normals and further values of the m vertices.
+        Coordinates, normals and attributes of the m vertices.
     triangles : numpy.ndarray, shape (f, 3)
         Vertex indices.
 
     Raises
     ------
     ValueError
-        ``mesh`` is no triangle mesh of Open3D.
+        ``mesh`` is not a triangle mesh of Open3D.
     """
     if isinstance(mesh, tuple):
         return mesh[0], np.asarray(mesh[1]).astype(np.int64)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol, TextIO
 
 ProgressCallback = Callable[[float, str], None]
-"""Called with the fraction done (0 to 1) and what is being done; what it raises propagates."""
+"""Called with the fraction done (0 to 1) and the current stage; exceptions propagate."""
 
 
 ProgressMode = Literal["auto", "bar", "plain", "none"]
@@ -23,7 +23,7 @@ class Progress(Protocol):
         """Report ``fraction`` (0 to 1) done and the stage ``text`` that runs now."""
 
     def close(self) -> None:
-        """Leave the terminal in order; safe to call twice."""
+        """Clean up the terminal; safe to call twice."""
 
 
 class ProgressBar:
@@ -32,7 +32,7 @@ class ProgressBar:
     Parameters
     ----------
     stream : text stream, optional
-        Where to draw; None is the standard error stream of the moment.
+        Where to draw; None is the current standard error stream.
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:
@@ -66,7 +66,7 @@ class ProgressBar:
             self._stream.write(text)
             self._stream.flush()
         except (OSError, ValueError):  # a terminal that is gone, or a stream that is closed
-            self._stream = None  # the work is worth more than its bar
+            self._stream = None  # the work goes on without a bar
 
 
 class TimedBar:
@@ -115,12 +115,12 @@ class TimedBar:
 
 
 class PlainProgress:
-    """Lines ``PROGRESS n text``, n the whole percentage, never falling.
+    """Lines ``PROGRESS n text`` with the percentage n, an integer that never decreases.
 
     Parameters
     ----------
     stream : text stream, optional
-        Where to write; None is the standard output stream of the moment.
+        Where to write; None is the current standard output stream.
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:
@@ -140,7 +140,7 @@ class PlainProgress:
 
 
 class NoProgress:
-    """Says nothing."""
+    """Reports nothing."""
 
     def __call__(self, fraction: float, text: str) -> None:
         """Ignore the report."""
@@ -171,7 +171,7 @@ def make_progress(mode: ProgressMode) -> Progress:
     Returns
     -------
     Progress
-        To be closed by the caller.
+        The reporter, to be closed by the caller.
     """
     if mode == "plain":
         return PlainProgress()
@@ -181,7 +181,7 @@ def make_progress(mode: ProgressMode) -> Progress:
 
 
 def rescale(progress: ProgressCallback, start: float, stop: float) -> ProgressCallback:
-    """Return a callback whose 0 to 1 is ``start`` to ``stop`` of ``progress``."""
+    """Return a callback that maps 0 to 1 onto ``start`` to ``stop`` of ``progress``."""
 
     def report(fraction: float, text: str) -> None:
         progress(start + (stop - start) * fraction, text)
@@ -190,9 +190,9 @@ def rescale(progress: ProgressCallback, start: float, stop: float) -> ProgressCa
 
 
 def printable(text: str) -> str:
-    """Return ``text`` on one line, with escapes for what a terminal would obey or cannot show.
+    """Return ``text`` on one line, with escapes for control and unprintable characters.
 
-    Names of files may hold control characters, and bytes that are no text at all.
+    File names may contain control characters, and bytes that are not text.
     """
     return "".join(
         letter if letter.isprintable() else letter.encode("unicode_escape").decode("ascii")
@@ -218,19 +218,19 @@ STAGES = {
     "surface": 0.95,
     "attributes": 1.00,
 }
-"""Stages in order, and the part of the whole that is done after each."""
+"""Stages in order, and the fraction of the work that is done after each."""
 
 
 @dataclass
 class Clock:
-    """Seconds per stage, and word to whoever wants to know."""
+    """Measures the seconds per stage, and reports stages to a callback."""
 
     progress: ProgressCallback | None
     seconds: dict[str, float] = field(default_factory=dict)
     _done: float = 0.0
 
     def stage(self, name: str) -> _Stage:
-        """Announce a stage, and add the time of the block to it; a stage may come again."""
+        """Announce a stage, and add the time of the block to it; a stage may occur again."""
         return _Stage(self, name)
 
     def finish(self) -> None:
@@ -241,7 +241,7 @@ class Clock:
 
 @dataclass
 class _Stage:
-    # No generator: in one, the StopIteration of a callback would become a RuntimeError.
+    # Not a generator: there, the StopIteration of a callback would become a RuntimeError.
     clock: Clock
     name: str
     start: float = 0.0

@@ -21,7 +21,7 @@ VIEW = View((0.5, -1.0, 0.9))
 
 
 def figure_2(path: Path, rows: list[dict[str, Any]]) -> None:
-    """Draw the number of points with offset points over the number of points."""
+    """Draw the number of points including offset points against the number of points."""
     import matplotlib
 
     matplotlib.use("Agg")

@@ -1,7 +1,8 @@
 """Two tooth crowns as implicit functions, and points drawn from them: inputs like the paper's.
 
-The paper's scans are not public. These shapes have what makes teeth hard: a thin edge next to a
-thick neck (incisor), cusps with deep narrow grooves between them (molar). Lengths are in mm.
+The paper's scans are not public. These shapes have the features that make teeth difficult: a thin
+edge next to a thick neck (incisor), cusps with deep narrow grooves between them (molar). Lengths
+are in mm.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ Array = NDArray[Any]
 Implicit = Callable[[Array], Array]
 
 STEP = 1e-4
-"""Of the central differences, in mm."""
+"""Step of the central differences, in mm."""
 
 
 @dataclass(frozen=True)
@@ -29,9 +30,9 @@ class Tooth:
     name : str
         incisor or molar.
     implicit : callable
-        (m, 3) places to (m,) values, negative inside, about a distance near the surface.
+        Maps (m, 3) queries to (m,) values, negative inside, about the distance near the surface.
     half_size : (3,) tuple of float
-        A box about the origin that holds the crown.
+        Half the size of a box around the origin that contains the crown.
     """
 
     name: str
@@ -39,16 +40,16 @@ class Tooth:
     half_size: tuple[float, float, float]
 
     def distance(self, x: Array) -> Array:
-        """Return the distance of places near the surface from it, to first order, (m,)."""
+        """Return the distance, (m,), of queries near the surface from it, to first order."""
         return self.implicit(x) / np.linalg.norm(self._gradient(x), axis=1)
 
     def normals(self, x: Array) -> Array:
-        """Return the outward unit normals at places on the surface, (m, 3)."""
+        """Return the outward unit normals at points on the surface, (m, 3)."""
         gradient = self._gradient(x)
         return gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
 
     def sample(self, count: int, noise: float = 0.0, seed: int = 0) -> Array:
-        """Draw points evenly from the surface.
+        """Draw points uniformly from the surface.
 
         Parameters
         ----------
@@ -57,7 +58,7 @@ class Tooth:
         noise : float, default 0
             Standard deviation of each coordinate, in mm.
         seed : int, default 0
-            Of the random numbers.
+            Seed of the random numbers.
 
         Returns
         -------
@@ -65,7 +66,7 @@ class Tooth:
         """
         rng = np.random.default_rng(seed)
         half = np.asarray(self.half_size)
-        # A thin shell of even thickness holds as much volume per area everywhere.
+        # A thin shell of constant thickness has the same volume per area everywhere.
         thickness = 0.01 * half.min()
         found = np.empty((0, 3))
         while len(found) < count:
@@ -143,7 +144,7 @@ def molar() -> Tooth:
 
 
 def _ellipsoid(p: Array, center: tuple[float, ...], radii: tuple[float, ...]) -> Array:
-    """About the distance from an ellipsoid."""
+    """Return the approximate distance from an ellipsoid."""
     local = (p - np.asarray(center)) / np.asarray(radii)
     return (np.linalg.norm(local, axis=1) - 1.0) * min(radii)
 
@@ -151,7 +152,7 @@ def _ellipsoid(p: Array, center: tuple[float, ...], radii: tuple[float, ...]) ->
 def _groove(
     p: Array, start: tuple[float, float], stop: tuple[float, float], height: float, radius: float
 ) -> Array:
-    """Distance from a horizontal capsule."""
+    """Return the distance from a horizontal capsule."""
     a = np.array([*start, height])
     along = np.array([*stop, height]) - a
     share = np.clip((p - a) @ along / (along @ along), 0.0, 1.0)

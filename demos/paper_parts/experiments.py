@@ -1,7 +1,7 @@
 """The two sides of the paper's comparison, measured the same way.
 
-Both are "refined until desired accuracy": ours with epsilon = ``TOLERANCE`` in Algorithm 2, the
-traditional method interpolates its centres, which is the most it can do. Both surfaces come out of
+Both are "refined until desired accuracy": ours with epsilon = ``TOLERANCE`` in Algorithm 2; the
+traditional method interpolates its centres, which is the most it can do. Both surfaces are made by
 the same extraction, and the error is the distance of every input point from the mesh.
 """
 
@@ -21,7 +21,7 @@ from o3d_sofnn.compare.measure import distances
 Array = NDArray[Any]
 
 TOLERANCE = 6e-4
-"""The paper's accuracy: epsilon of Algorithm 2, here in parts of the diagonal of the points."""
+"""The paper's accuracy: epsilon of Algorithm 2, here as a fraction of the points' diagonal."""
 REPEAT_SECONDS = 4.0
 """A run shorter than this is repeated, and the best of three counts."""
 
@@ -37,9 +37,9 @@ class Surface:
     seconds : dict of str to float
         ``normals``, ``fit``, ``surface`` and ``total``.
     n_points : int
-        Points and offset points.
+        Number of points and offset points.
     errors : (n,) float64
-        Distance of each input point from the mesh, in parts of the diagonal.
+        Distance of each input point from the mesh, divided by the diagonal.
     """
 
     vertices: Array
@@ -75,7 +75,7 @@ def progressive(points: Array, voxel_size: float) -> Surface:
 
 
 def variational(points: Array, voxel_size: float) -> Surface:
-    """Reconstruct with the traditional method; its mesh comes out of the same extraction."""
+    """Reconstruct with the traditional method; its mesh is made by the same extraction."""
     from paper_parts import traditional
 
     from o3d_sofnn.meshing.isosurface.extraction import extract
@@ -99,7 +99,7 @@ def variational(points: Array, voxel_size: float) -> Surface:
 
 
 def solution_seconds(points: Array) -> float:
-    """Return the time of the traditional fit alone."""
+    """Return the time of the traditional fit only."""
     from paper_parts import traditional
 
     return traditional.fit(points).seconds["solution"]
@@ -113,7 +113,7 @@ def count_offsets(points: Array) -> int:
 
 
 def sample(file: Path, count: int) -> Array:
-    """Return points drawn evenly from the triangles of a mesh file, (count, 3)."""
+    """Return points drawn uniformly from the triangles of a mesh file, (count, 3)."""
     from o3d_sofnn.files import reading
     from o3d_sofnn.geometry import mesh_properties
 

@@ -1,6 +1,6 @@
 """The method that the paper compares with: one variational implicit surface through everything.
 
-Normals are those of planes through the k nearest neighbours, oriented along a spanning tree
+Normals come from planes through the k nearest neighbours, oriented along a spanning tree
 (Hoppe et al. 1992, in Open3D). Each point and an offset point on either side of it are centres of
 one interpolant, ``f(x) = sum_j w_j |x - c_j|^3 + linear`` (triharmonic in space; Turk and O'Brien
 1999, Carr et al. 2001), with the values 0, +d and -d. Memory grows with the square of the number of
@@ -22,9 +22,9 @@ from scipy.spatial.distance import cdist
 Array = NDArray[Any]
 
 OFFSET = 0.01
-"""Distance of the offset points from the surface, in parts of the diagonal, at the most."""
+"""Largest distance of the offset points from the surface, as a fraction of the diagonal."""
 BLOCK = 2048
-"""Rows of kernel values in memory at a time during the evaluation."""
+"""Number of rows of kernel values in memory at a time during the evaluation."""
 
 
 @dataclass(frozen=True)
@@ -34,15 +34,15 @@ class Interpolant:
     Attributes
     ----------
     centers : (n, 3) float64
-        In units of ``scale`` about ``origin``.
+        Centres relative to ``origin``, divided by ``scale``.
     weights : (n,) float64
-        Of the centres.
+        Weights of the centres.
     linear : (4,) float64
         Constant and slopes of the polynomial.
     origin : (3,) float64
-        In the coordinates of the points.
+        Origin in the coordinates of the points.
     scale : float
-        Length that is 1 inside.
+        Unit of length of the interpolant, in the unit of the points.
     """
 
     centers: Array
@@ -52,7 +52,7 @@ class Interpolant:
     scale: float
 
     def __call__(self, x: Array) -> Array:
-        """Return the values at (m, 3) places, in the unit of the points, (m,)."""
+        """Return the values, (m,), at (m, 3) queries, in the unit of the points."""
         local = (x - self.origin) / self.scale
         values = self.linear[0] + local @ self.linear[1:]
         for start in range(0, len(local), BLOCK):
@@ -68,13 +68,13 @@ class Fit:
     Attributes
     ----------
     interpolant : Interpolant
-        Negative inside.
+        The interpolant, negative inside.
     normals : (n, 3) float64
-        Of the points.
+        Normals of the points.
     n_centers : int
-        Points and offset points.
+        Number of points and offset points.
     seconds : dict of str to float
-        Of normals and solution.
+        Time of normals and solution.
     """
 
     interpolant: Interpolant
@@ -89,9 +89,9 @@ def fit(points: Array, n_neighbors: int = 30) -> Fit:
     Parameters
     ----------
     points : (n, 3) float64
-        In any unit; repeated points count once.
+        Points in any unit; duplicates count once.
     n_neighbors : int, default 30
-        Of the planes, and of the graph along which they are oriented.
+        Number of neighbours of the planes, and in the graph along which they are oriented.
 
     Returns
     -------
@@ -127,8 +127,8 @@ def interpolate(centers: Array, values: Array) -> Interpolant:
     """Solve for the triharmonic interpolant through (n, 3) distinct centres.
 
     The kernel is positive definite on weights that are orthogonal to the linear polynomials. Four
-    Householder reflections bring it there, so that a Cholesky factorisation does: half the
-    operations of the usual LU.
+    Householder reflections restrict it to these, so that a Cholesky factorisation suffices: half
+    the operations of the usual LU.
     """
     origin = centers.mean(axis=0)
     scale = float(np.linalg.norm(np.ptp(centers, axis=0)))

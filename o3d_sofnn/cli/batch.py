@@ -1,4 +1,4 @@
-"""All files of a call, one after the other; one that fails does not stop the others."""
+"""Processing of all files of a call, one after the other; a failure does not stop the others."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ def run(
     said: messages.Messages,
     check: Callable[[], None],
 ) -> int:
-    """Do what the arguments ask for, and write the report.
+    """Carry out a command, and write the report.
 
     Parameters
     ----------
     args : argparse.Namespace
-        As the parser of :mod:`o3d_sofnn.cli.main` makes it.
+        Arguments from the parser of :mod:`o3d_sofnn.cli.main`.
     progress : Progress
-        Called with the fraction done and what is being done.
+        Called with the fraction done and the current stage.
     said : Messages
-        Says what went wrong.
+        Reports what went wrong.
     check : callable
-        Raises KeyboardInterrupt if a signal came.
+        Raises KeyboardInterrupt if a signal was received.
 
     Returns
     -------
@@ -38,7 +38,7 @@ def run(
     Raises
     ------
     ValueError
-        Arguments that do not fit each other.
+        Arguments do not fit together.
     OSError
         Outputs or the report cannot be written.
     """
@@ -52,7 +52,7 @@ def run(
         for job in plan.jobs:
             outputs.check_output(job.target, endings)
         if jobs.STREAM in (args.json, args.output):
-            sys.stdout.write("")  # says so now if the stream is closed
+            sys.stdout.write("")  # raises here if the stream is closed
         if args.json not in (None, jobs.STREAM):
             outputs.check_output(args.json, ())
         for number, job in enumerate(plan.jobs):
@@ -82,6 +82,6 @@ def run(
 
 
 def _part(progress: Progress, number: int, count: int, name: str) -> ProgressCallback:
-    """Return the progress of a file, as a part of the whole that names it."""
+    """Return a callback for the progress of one file, as a part of the whole, with its name."""
     part = rescale(progress, number / count, (number + 1) / count)
     return lambda fraction, text: part(fraction, f"{name}: {text}")

@@ -1,4 +1,4 @@
-"""``o3d-sofnn normals`` and ``o3d-sofnn reconstruct``: from file to file, and the report on it."""
+"""``o3d-sofnn normals`` and ``o3d-sofnn reconstruct``: from file to file, with a report."""
 
 from __future__ import annotations
 
@@ -31,21 +31,21 @@ _READ_DONE = 0.05
 _WRITE_STARTS = 0.95
 
 
-# Python with NumPy and SciPy (and Open3D for comparisons) maps some 500 MB before it has done
-# anything. With less, or
-# with threads for which there is no room, OpenBLAS ends the process or spins while it is loaded.
+# Python with NumPy and SciPy (and Open3D for comparisons) maps about 500 MB before it does
+# anything. With less, or without room for its threads, OpenBLAS ends the process or hangs while it
+# is loaded.
 _LEAST_MEMORY = 512 * 2**20
 
 
 def load(command: str) -> None:
-    """Import what a command needs: in one place, because it takes seconds and signals must wait.
+    """Import what a command needs, in one place: it takes seconds, and signals must wait.
 
     Raises
     ------
     ImportError
         Open3D, which comparisons need, is missing; the message says what to type.
     MemoryError
-        This process may not have what the libraries alone take.
+        The memory limit of this process is too low for the libraries.
     """
     limit = _memory_limit()
     if limit is not None:
@@ -64,7 +64,7 @@ def load(command: str) -> None:
 
 
 def _memory_limit() -> int | None:
-    """Return the most address space that this process may have, in bytes."""
+    """Return the limit of this process's address space, in bytes."""
     try:
         import resource
     except ImportError:  # Windows
@@ -74,16 +74,16 @@ def _memory_limit() -> int | None:
 
 
 def run(args: argparse.Namespace, job: Job, progress: ProgressCallback) -> dict[str, Any]:
-    """Read, compute, write, for one file.
+    """Read, compute, and write one file.
 
     Parameters
     ----------
     args : argparse.Namespace
-        As the parser of :mod:`o3d_sofnn.cli.main` makes it.
+        Arguments from the parser of :mod:`o3d_sofnn.cli.main`.
     job : Job
-        Which files; the outputs are checked.
+        The files; outputs have been checked.
     progress : callable
-        Called with the fraction done and what is being done.
+        Called with the fraction done and the current stage.
 
     Returns
     -------
@@ -93,12 +93,12 @@ def run(args: argparse.Namespace, job: Job, progress: ProgressCallback) -> dict[
     Raises
     ------
     ValueError
-        An option is out of range, or the input is not fit; the message names it.
+        An option is out of range, or the input is unsuitable; the message names it.
     OSError
         The output cannot be written.
     """
     started = time.perf_counter()
-    # Imported here: --help and bad options answer at once.
+    # Imported here, so that --help and bad options respond at once.
     from o3d_sofnn.cli import findings, georeference
     from o3d_sofnn.files import point_files
     from o3d_sofnn.operators.common import ReconstructionWarning
@@ -128,7 +128,7 @@ def run(args: argparse.Namespace, job: Job, progress: ProgressCallback) -> dict[
         _logger.info("%s: the scanner's place in the file is used", job.source)
     cloud = point_files.as_cloud(source)
     with warnings.catch_warnings():
-        # The log says them.
+        # The log reports them.
         warnings.simplefilter("ignore", ReconstructionWarning)
         result, details = (_reconstruct if mesh_wanted else _normals)(cloud, args, options)
     seconds |= details.seconds
@@ -161,9 +161,9 @@ def write_report(report: dict[str, Any] | list[dict[str, Any]], destination: str
     Parameters
     ----------
     report : dict or list of dict
-        What :func:`run` returns.
+        Results of :func:`run`.
     destination : str or None
-        A file, "-" for the standard output stream, None for nowhere.
+        A file, or "-" for the standard output stream; None writes nothing.
     """
     text = json.dumps(report, indent=2, allow_nan=False) + "\n"
     if destination == "-":
@@ -177,7 +177,7 @@ def write_report(report: dict[str, Any] | list[dict[str, Any]], destination: str
 
 
 def _read(job: Job) -> PointFile:
-    """Read the input; what is wrong with it is bad input, not a failure of the machine."""
+    """Read the input; errors in it count as bad input, not as failures of the machine."""
     from o3d_sofnn.files import point_files
 
     path = job.source
@@ -186,7 +186,7 @@ def _read(job: Job) -> PointFile:
     try:
         source = point_files.read_points(path, job.ending)
     except OSError as error:
-        # A file may name another one.
+        # A file may refer to another one.
         named = error.filename or path
         raise ValueError(f"{named}: not readable: {error.strerror or error}") from error
     if len(source.points) == 0:
@@ -195,7 +195,7 @@ def _read(job: Job) -> PointFile:
 
 
 def _uses_viewpoint_of(source: PointFile, args: argparse.Namespace) -> bool:
-    """Whether sides follow a scanner's place in the file: nothing else has been said of them."""
+    """Return whether the scanner's position in the file decides the sides: no option does."""
     said = args.viewpoint is not None or args.towards is not None or args.no_viewpoint
     return source.viewpoint is not None and not said and not getattr(args, "use_normals", False)
 

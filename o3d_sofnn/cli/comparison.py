@@ -1,4 +1,4 @@
-"""``o3d-sofnn compare``: its options, and what it says."""
+"""``o3d-sofnn compare``: its options and messages."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ if TYPE_CHECKING:
 
 TEXT = """\
 Run this package and its peers (Open3D's and MeshLab's reconstructions) on every IN, and write
-DIR/report.html, DIR/results.csv and pictures. A closed mesh is taken for the truth: points are
-drawn from it, with and without noise, and results are measured against it. Everything else is a
-scan.
+DIR/report.html, DIR/results.csv and pictures. A closed mesh is taken as the ground truth: points
+are drawn from it, with and without noise, and results are compared with it. Everything else is
+treated as a scan.
 METHOD is one of ours, open3d_poisson, open3d_ball_pivoting, open3d_alpha_shape, meshlab_poisson,
-meshlab_ball_pivoting, meshlab_rimls, meshlab_apss, meshlab_sofnn; those of MeshLab need:
+meshlab_ball_pivoting, meshlab_rimls, meshlab_apss, meshlab_sofnn; MeshLab's methods need:
 pip install pymeshlab."""
 
 UP = {"x": ((-0.45, 0.6, 1.0), (1.0, 0.0, 0.0)), "y": ((0.5, 0.4, 1.0), (0.0, 1.0, 0.0))}
 UP |= {"z": ((0.6, -1.0, 0.45), (0.0, 0.0, 1.0))}
-"""Where pictures are taken from, and what is up there."""
+"""View direction of pictures, and the direction that is up."""
 QUICK = {"points": 3_000, "noise": [0.0, 1.0], "sizes": [1_000]}
 NOT_QUICK = ("meshlab_apss", "meshlab_sofnn")
-"""A relative of RIMLS, and this package again: left out of a quick comparison."""
+"""A method similar to RIMLS, and this package again: left out of a quick comparison."""
 FULL: dict[str, Any] = {"points": 20_000, "noise": [0.0, 0.5, 1.0], "sizes": [5_000, 50_000]}
 
 
@@ -59,16 +59,14 @@ def add_options(parser: argparse.ArgumentParser, output: Path | None = None) -> 
         type=_count,
         nargs="*",
         metavar="N",
-        help="further numbers of points, for time over size (default: 5000 50000)",
+        help="further numbers of points, for time against size (default: 5000 50000)",
     )
-    parser.add_argument(
-        "--methods", nargs="+", metavar="METHOD", help="some of the methods only, by name"
-    )
+    parser.add_argument("--methods", nargs="+", metavar="METHOD", help="run only these methods")
     parser.add_argument(
         "--up", choices=sorted(UP), default="z", help="axis that is up in pictures (default: z)"
     )
     parser.add_argument(
-        "--clouds", action="store_true", help="take closed meshes for scans too: their vertices"
+        "--clouds", action="store_true", help="treat closed meshes as scans, too (their vertices)"
     )
     parser.add_argument(
         "--timeout",
@@ -81,28 +79,28 @@ def add_options(parser: argparse.ArgumentParser, output: Path | None = None) -> 
 
 
 def run(args: argparse.Namespace, progress: Progress, inputs: Sequence[Source] = ()) -> int:
-    """Compare, and say where the report is.
+    """Compare, and print where the report is.
 
     Parameters
     ----------
     args : argparse.Namespace
-        ``add_options``, and ``input``: a list of files.
+        The options of ``add_options``, and ``input``, a list of files.
     progress : Progress
-        Called with the fraction done and what is being done.
+        Called with the fraction done and the current stage.
     inputs : sequence of Source
-        Taken instead when there are no files.
+        Inputs that are used if there are no files.
 
     Returns
     -------
     int
-        0; 1 when this package failed on a cloud, or an input could not be read.
+        Exit code: 0; or 1 if this package failed on a cloud, or an input could not be read.
 
     Raises
     ------
     ValueError
-        A method that is not known.
+        A method is unknown.
     KeyboardInterrupt
-        After Ctrl-C; the report on what was finished is written.
+        After Ctrl-C; the report on the finished part is written.
     """
     from o3d_sofnn.compare import cases
     from o3d_sofnn.compare.evaluate import METHODS

@@ -1,4 +1,4 @@
-"""What was found: figures for the report, and values per point for the output."""
+"""Results: figures for the report, and values per point for the output."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from o3d_sofnn.meshing.attributes import carry
 from o3d_sofnn.results import NormalEstimate, SurfaceEstimate
 
 ATTRIBUTES = ("confidence", "noise", "outlier")
-"""Names of what the points have; vertices of a mesh are no outliers."""
+"""Names of the values per point; vertices of a mesh have no value for outlier."""
 
 
 def attributes(details: NormalEstimate | SurfaceEstimate) -> dict[str, NDArray[Any]]:
-    """Return what is known of each point, or of each vertex of a mesh.
+    """Return the estimated values of each point, or of each vertex of a mesh.
 
     Parameters
     ----------
     details : NormalEstimate or SurfaceEstimate
-        Of n points, or with m vertices; these have the noise of the points around them.
+        Result for n points, or with m vertices, which get the noise of the points around them.
 
     Returns
     -------
@@ -36,7 +36,7 @@ def attributes(details: NormalEstimate | SurfaceEstimate) -> dict[str, NDArray[A
 
 
 def figures(source: PointFile, details: NormalEstimate | SurfaceEstimate) -> dict[str, Any]:
-    """Return what the report says of the points, and of the mesh if there is one."""
+    """Return the report's figures on the points, and on the mesh if there is one."""
     normals = details.normals if isinstance(details, SurfaceEstimate) else details
     # In the details a point without finite coordinates counts as an outlier too.
     not_finite = int((~validation.finite_rows(source.points)).sum())

@@ -1,4 +1,4 @@
-"""Where the points are on earth: the coordinate system, and an offset that is taken away."""
+"""Georeference of the points: the coordinate system, and an offset that is subtracted."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ _logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Place:
-    """What the output has to do with it.
+    """Georeference of the output.
 
     Attributes
     ----------
     offset : numpy.ndarray, shape (3,), or None
-        What is taken from the coordinates.
+        Offset that is subtracted from the coordinates.
     crs : str or None
-        The coordinate system of what is written.
+        Coordinate system of the output.
     """
 
     offset: NDArray[np.float64] | None
     crs: str | None
 
     def moved(self, result: Any) -> Any:
-        """Return a cloud, or vertices with triangles, less the offset."""
+        """Subtract the offset from a cloud, or from vertices with triangles."""
         if self.offset is None:
             return result
         if isinstance(result, CloudArrays):
@@ -45,7 +45,7 @@ class Place:
 
 
 def place_of(args: argparse.Namespace, job: Job, source: PointFile) -> Place:
-    """Return what the arguments ask for, and say what is not kept.
+    """Return the georeference that the arguments request, and log what is not kept.
 
     Parameters
     ----------
@@ -54,12 +54,12 @@ def place_of(args: argparse.Namespace, job: Job, source: PointFile) -> Place:
     job : Job
         The files.
     source : PointFile
-        What was read.
+        The contents of the input.
 
     Raises
     ------
     ValueError
-        An offset for LAS, or another coordinate system beside the output.
+        An offset is given for LAS, or there is a different coordinate system beside the output.
     OSError
         The coordinate system cannot be written beside the output.
     """

@@ -1,4 +1,4 @@
-"""Which files are read and written: lists, folders, wildcards, the standard streams."""
+"""The files to read and write: lists, folders, wildcards, standard streams."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ STREAM = "-"
 
 
 STEM = "{stem}"
-"""In OUT, the name of IN without its folder and ending."""
+"""Stands in OUT for the name of IN without its folder and extension."""
 
 
 _logger = logging.getLogger(__name__)
@@ -32,11 +32,11 @@ class Job:
     Attributes
     ----------
     source, target : pathlib.Path
-        Those of the standard streams are temporary files.
+        The files; temporary ones for the standard streams.
     ending : str or None
-        Format of ``source``; None where its name says it.
+        Format of ``source``; None if its name determines it.
     is_from_stream, is_to_stream : bool
-        Whether ``source`` and ``target`` stand for the standard streams.
+        Whether ``source`` and ``target`` represent the standard streams.
     """
 
     source: Path
@@ -47,7 +47,7 @@ class Job:
 
     @property
     def report(self) -> dict[str, str]:
-        """Return the files under the names that the user gave."""
+        """Return the names of the files as the user gave them."""
         return {
             "input": STREAM if self.is_from_stream else str(self.source),
             "output": STREAM if self.is_to_stream else str(self.target),
@@ -56,14 +56,14 @@ class Job:
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be done.
+    """The jobs of a call.
 
     Attributes
     ----------
     jobs : tuple of Job
-        At least one.
+        The jobs, at least one.
     several : bool
-        Whether OUT is a folder or a pattern: then a file that fails does not stop the others.
+        Whether OUT is a folder or a pattern; if so, a failure does not stop the other jobs.
     """
 
     jobs: tuple[Job, ...]
@@ -72,26 +72,26 @@ class Plan:
 
 @contextlib.contextmanager
 def planned(args: argparse.Namespace, messages: Messages) -> Iterator[Plan]:
-    """Say what is to be done, with a place for the standard streams and a folder for outputs.
+    """Plan the jobs, with temporary files for the standard streams and a folder for outputs.
 
     Parameters
     ----------
     args : argparse.Namespace
         ``input``, ``output``, ``input_format``, ``output_format``, ``json``, ``command``.
     messages : Messages
-        Learns what the temporary files of the standard streams are called.
+        Is told the names of the temporary files of the standard streams.
 
     Yields
     ------
     Plan
-        A folder that was made for it and got no file is removed in the end.
+        The plan. A folder that was created for it is removed at the end if it is empty.
 
     Raises
     ------
     ValueError
-        Nothing to read, formats or names that do not fit, or an output that is an input.
+        There is nothing to read, formats or names do not fit, or an output is an input.
     OSError
-        The folder cannot be made.
+        The folder cannot be created.
     """
     from o3d_sofnn.files import point_files
 
@@ -130,7 +130,7 @@ def planned(args: argparse.Namespace, messages: Messages) -> Iterator[Plan]:
 
 
 def _ending(option: str, name: str | None, known: Collection[str]) -> str | None:
-    """Return the ending of a format that the user has named."""
+    """Return the extension of a format that the user named."""
     if name is None:
         return None
     ending = f".{name.lower().removeprefix('.')}"
@@ -141,7 +141,7 @@ def _ending(option: str, name: str | None, known: Collection[str]) -> str | None
 
 
 def _check_streams(args: argparse.Namespace) -> None:
-    """Raise where a standard stream cannot serve."""
+    """Raise ``ValueError`` if a standard stream cannot be used."""
     if STREAM in args.input and args.input_format is None:
         raise ValueError("--input-format: expected the format of the standard input, got none")
     if args.input.count(STREAM) > 1:
@@ -156,12 +156,12 @@ def _check_streams(args: argparse.Namespace) -> None:
 
 
 def _found(inputs: list[str], ending: str | None) -> list[str]:
-    """Return the files that inputs stand for: those of folders, and what wildcards match."""
+    """Return the files of the inputs, including those in folders and those matching wildcards."""
     found: dict[str, None] = {}
     for text in inputs:
         matches = [text]
         if text != STREAM and not os.path.lexists(text) and glob.has_magic(text):
-            # Brackets may be meant: what matches nothing is the name of a file that is missing.
+            # Brackets may be part of a name: what matches nothing is the name of a missing file.
             matches = sorted(glob.glob(text, recursive=True)) or matches
         for match in matches:
             is_folder = match != STREAM and os.path.isdir(match)
@@ -170,7 +170,7 @@ def _found(inputs: list[str], ending: str | None) -> list[str]:
 
 
 def _in_folder(folder: str, ending: str | None) -> list[str]:
-    """Return the point files right in a folder."""
+    """Return the point files directly in a folder."""
     from o3d_sofnn.files import point_files
 
     known = point_files.CLOUD_INPUTS if ending is None else {ending}
@@ -203,7 +203,7 @@ def _are_several(output: str, count: int, endings: Collection[str]) -> bool:
 
 
 def _target(output: str, ending: str | None) -> Path:
-    """Return the one file to write."""
+    """Return the single file to write."""
     path = Path(output)
     said = path.suffix.lower()
     if ending is not None and ending != said:
@@ -215,7 +215,7 @@ def _target(output: str, ending: str | None) -> Path:
 
 
 def _targets(output: str, sources: list[Path], ending: str | None) -> list[Path]:
-    """Return the files that a pattern, or a folder, stands for."""
+    """Return the files to write for a pattern or a folder."""
     pattern = output
     if STEM not in output:
         pattern = os.path.join(output, f"{STEM}{ending or '.ply'}")
@@ -234,7 +234,7 @@ def _targets(output: str, sources: list[Path], ending: str | None) -> list[Path]
 
 @contextlib.contextmanager
 def _made(folder: Path) -> Iterator[None]:
-    """Make a folder; remove it when it is left empty."""
+    """Create a folder, and remove it at the end if it is empty."""
     if folder.is_dir():
         yield
         return

@@ -1,4 +1,4 @@
-"""What is said to the user: one line each, with the names that the user gave."""
+"""Messages to the user: one line each, with the file names that the user gave."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ FAILURE = 1
 
 @dataclass
 class Messages:
-    """The lines of a call.
+    """The messages of a call.
 
     Attributes
     ----------
     names : dict of str to str
-        What to call files that the user has not named: "standard input" for where it is kept.
+        Names for files that the user did not name: "standard input" for its temporary file.
     about : str
-        The file that is worked on, where there are several: warnings about it begin with it.
+        The file being processed, if there are several: warnings about it begin with its name.
     """
 
     names: dict[str, str] = field(default_factory=dict)
     about: str = ""
 
     def named(self, text: str) -> str:
-        """Return ``text`` on one line with the names that the user knows."""
+        """Return ``text`` on one line, with the file names that the user knows."""
         for path, name in self.names.items():
             text = text.replace(path, name)
         return printable(text)
@@ -41,19 +41,19 @@ class Messages:
         return code
 
     def formatter(self) -> logging.Formatter:
-        """Return what makes one line of a record of the log."""
+        """Return a formatter that makes one line of a log record."""
         return _OneLine(self)
 
 
 class _OneLine(logging.Formatter):
-    """One line a record."""
+    """One line per record."""
 
     def __init__(self, messages: Messages) -> None:
         super().__init__("o3d-sofnn: %(levelname)s: %(message)s")
         self._messages = messages
 
     def formatMessage(self, record: logging.LogRecord) -> str:
-        """Let a record name the file, where there are several."""
+        """Add the name of the file to a record if there are several."""
         about = self._messages.about
         if about and about not in record.message:
             record.message = f"{about}: {record.message}"
@@ -64,14 +64,14 @@ class _OneLine(logging.Formatter):
 
 
 def told(error: Exception, args: argparse.Namespace, source: str | Path) -> tuple[int, str]:
-    """Return the exit code of a failure and its line; raise it if it is a fault of this program.
+    """Return the exit code and the message of a failure; raise it if it is a bug of this program.
 
     Parameters
     ----------
     error : Exception
-        What came.
+        The failure.
     args : argparse.Namespace
-        As the parser makes it.
+        The parsed arguments.
     source : str or pathlib.Path
         The file of the points.
     """
@@ -92,7 +92,7 @@ def told(error: Exception, args: argparse.Namespace, source: str | Path) -> tupl
 
 
 def _as_typed(message: str, args: argparse.Namespace, source: str | Path) -> str:
-    """Let a message name what was typed: an option of the shell, or the file of the points."""
+    """Replace names in a message by what was typed: the shell option, or the file of the points."""
     name, _, rest = message.partition(": ")
     if name == "pcd":
         return f"{source}: {rest}"

@@ -1,4 +1,4 @@
-"""The options of ``o3d-sofnn``, and what ``--help`` says of them."""
+"""The options of ``o3d-sofnn``, and their ``--help`` texts."""
 
 from __future__ import annotations
 
@@ -16,22 +16,23 @@ BAD_INPUT = 2
 
 
 _EXIT_CODES = """\
-exit codes: 0 done, 2 bad input (also one of several) or options, 1 other failures (a full disk),
-130 Ctrl-C; after other signals 128 and their number.
+exit codes: 0 success, 2 bad input (also one of several) or options, 1 other failures (a full disk),
+130 Ctrl-C; after other signals 128 plus their number.
 OUT is written whole or not at all."""
 
 
 _SEVERAL = """\
-Several IN: files, folders (the point files right in them), wildcards in quotes. OUT is then a
-folder, made if need be, or a name with {stem}, which stands for the name of IN without its ending.
+Several IN: files, folders (the point files directly in them), wildcards in quotes. OUT is then a
+folder, created if needed, or a name with {stem}, the name of IN without its extension.
 A file that fails does not stop the others.
 -: the standard input as IN (with --input-format), the standard output as OUT (--output-format).
 """
 
 
 _NORMALS = """\
-Write the points of IN with oriented normals to OUT. Normals face outward, those of scans to where
-the scanner stood if the points tell, or as --viewpoint or --towards say. No option is needed."""
+Write the points of IN with oriented normals to OUT. Normals face outward; those of scans face
+the scanner if the points reveal its position. --viewpoint and --towards overrule both. No option
+is needed."""
 
 
 _NORMALS_FILES = """\
@@ -42,7 +43,7 @@ OUT: ply pcd xyz xyzn npz las laz; points and their order are those of IN.
 
 
 _RECONSTRUCT = """\
-Write a mesh through the points of IN to OUT: closed where they say it is a solid, else open where
+Write a mesh through the points of IN to OUT: solids are closed, everything else is open where
 nothing was measured. Normals in IN are not needed. No option is needed."""
 
 
@@ -54,18 +55,18 @@ OUT: ply obj glb (with vertex normals, and colours where IN has them), off (with
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose complaint is one line, and that knows all numbers from options."""
+    """A parser with one-line errors that does not mistake numbers for options."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
         super().__init__(*args, **options)
-        # argparse takes -1e5 for an option.
+        # argparse mistakes -1e5 for an option.
         self._negative_number_matcher = re.compile(r"-(\.?\d|inf|nan)", re.IGNORECASE)
 
     def error(self, message: str) -> NoReturn:
         self.exit(BAD_INPUT, f"o3d-sofnn: error: {printable(message)} (see {self.prog} --help)\n")
 
     def parse_known_args(self, *args: Any) -> tuple[Any, list[str]]:  # type: ignore[override]
-        """Let options stand between files: argparse takes those behind an option for too many."""
+        """Allow options between files: argparse would reject files after an option."""
         found, left = super().parse_known_args(*args)
         if hasattr(found, "output") and all(each == "-" or each[:1] != "-" for each in left):
             files = [*found.input, found.output, *left]
@@ -74,7 +75,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _Version(argparse.Action):
-    """Print the version; found only when asked for, because looking it up takes time."""
+    """Print the version; it is looked up only on request, because that takes time."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
         import o3d_sofnn
@@ -84,7 +85,7 @@ class _Version(argparse.Action):
 
 
 def make_parser() -> argparse.ArgumentParser:
-    """Return the parser of all commands; it ends the process on bad arguments."""
+    """Return the parser of all commands, which ends the process on bad arguments."""
     parser = _Parser(
         prog="o3d-sofnn",
         description="Oriented normals and watertight meshes from raw point clouds.",
@@ -180,7 +181,7 @@ def _add_side(parser: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGro
     side.add_argument(
         "--no-viewpoint",
         action="store_true",
-        help="do not use the scanner's place in the file (PCD VIEWPOINT, PTX, E57)",
+        help="do not use the scanner's position in the file (PCD VIEWPOINT, PTX, E57)",
     )
     side.add_argument(
         "--towards",
@@ -253,7 +254,7 @@ def _common_options() -> _Parser:
         "--offset",
         type=_offset,
         metavar="X,Y,Z",
-        help="take this from all coordinates that are written, for formats and programs with "
+        help="subtract this from all coordinates that are written, for formats and programs with "
         "single precision; auto: round numbers near the points",
     )
     common.add_argument(

@@ -1,4 +1,4 @@
-"""Signals: the first one ends the work in good order, wherever it meets it."""
+"""Signals: the first one ends the work cleanly, whatever is being done."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from o3d_sofnn.progress import Progress
 
 
 class Signals:
-    """Take Ctrl-C, SIGTERM and SIGHUP for KeyboardInterrupt while they are heeded.
+    """Turn Ctrl-C, SIGTERM and SIGHUP into KeyboardInterrupt while they are handled.
 
-    Only the first one is raised: what tidies up after it is left in peace. Signals that are
-    ignored (``nohup``, a job in the background) or that somebody else handles stay as they are.
+    Only the first one is raised, so that it does not disturb the cleanup. Signals that are ignored
+    (``nohup``, a background job) or handled by others are left alone.
 
     Parameters
     ----------
     last : bool
-        Whether nothing comes after the command in this process: then a signal that comes while
-        the interpreter ends, after another one, changes nothing any more.
+        Whether the process ends after the command: then a second signal that arrives while the
+        interpreter shuts down has no effect.
 
     Attributes
     ----------
     heard : int or None
-        Number of the first signal. Libraries turn an exception in the midst of their import into
-        one of another kind, or swallow it: this tells what it was.
+        Number of the first signal. Libraries may convert or swallow an exception that is raised
+        during their import; this attribute still records the signal.
     """
 
     def __init__(self, last: bool) -> None:
@@ -44,15 +44,15 @@ class Signals:
                     self._before[number] = signal.signal(number, self._hear)
 
     def close(self) -> None:
-        """Handle signals as before."""
+        """Restore the earlier handling of signals."""
         over = self._last and self.heard is not None
         for number, handler in self._before.items():
-            # A handler in Python would be taken away before the interpreter has ended.
+            # A handler in Python would be removed before the interpreter has ended.
             signal.signal(number, signal.SIG_IGN if over else handler)
 
     @contextlib.contextmanager
     def heeded(self) -> Iterator[None]:
-        """Raise KeyboardInterrupt within the block when a signal comes, or has come."""
+        """Raise KeyboardInterrupt within the block if a signal arrives, or has arrived."""
         self._heeded = True
         try:
             self.check()
@@ -62,7 +62,7 @@ class Signals:
 
     @contextlib.contextmanager
     def waiting(self) -> Iterator[None]:
-        """Let signals wait until the block has ended: for the import of native libraries."""
+        """Delay signals until the block has ended, for imports of native libraries."""
         self._heeded = False
         try:
             yield
@@ -71,7 +71,7 @@ class Signals:
         self.check()
 
     def check(self) -> None:
-        """Raise for a signal that was heard, also when its exception went astray."""
+        """Raise KeyboardInterrupt if a signal was received, even if its exception was lost."""
         if self.heard is not None:
             raise KeyboardInterrupt
 

@@ -1,4 +1,4 @@
-"""The standard streams of a command: closed, full, broken or narrow ones do no harm."""
+"""Standard streams of a command that may be closed, full, broken, or of a limited encoding."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from typing import Any, TextIO, cast
 
 
 class _Stream:
-    """A standard stream, or the place of one that is closed.
+    """A standard stream, or a replacement for a closed one.
 
     Parameters
     ----------
     stream : text stream or None
-        What Python has: None for a descriptor that was closed when it started.
+        Python's stream; None for a descriptor that was closed at the start.
     name : str
-        For messages.
+        Name for messages.
     wanted : bool
-        Whether somebody waits for what is written: then it is an error when it cannot be. What is
-        said on the side is lost in silence instead.
+        Whether the text is a result: then it is an error if it cannot be written. Other text is
+        dropped silently.
     """
 
     def __init__(self, stream: TextIO | None, name: str, wanted: bool) -> None:
@@ -32,7 +32,7 @@ class _Stream:
         self._wanted = wanted
 
     def write(self, text: str) -> int:
-        """Write ``text``; letters that the stream's encoding has not are escaped."""
+        """Write ``text``; characters that the stream's encoding lacks are escaped."""
         with self._trouble_named():
             if self._stream is None:
                 raise OSError(errno.EBADF, "closed")
@@ -50,13 +50,13 @@ class _Stream:
             self._stream.buffer.flush()
 
     def flush(self) -> None:
-        """Hand over what was written."""
+        """Flush the stream."""
         with self._trouble_named():
             if self._stream is not None:
                 self._stream.flush()
 
     def isatty(self) -> bool:
-        """Tell whether a person looks at it."""
+        """Return whether the stream is a terminal."""
         return self._stream is not None and not self._stream.closed and self._stream.isatty()
 
     def __getattr__(self, name: str) -> Any:
@@ -77,7 +77,7 @@ class _Stream:
 
 
 def _drain(stream: TextIO) -> None:
-    """Let what is left in a stream go nowhere: Python would try again, and complain, at its end."""
+    """Discard what is left in a stream: Python would try again at exit, and complain."""
     with contextlib.suppress(OSError, ValueError), open(os.devnull, "w") as sink:
         os.dup2(sink.fileno(), stream.fileno())
 
@@ -88,7 +88,7 @@ def write_file(path: Path) -> None:
 
 
 def read_file(path: Path) -> None:
-    """Write what comes by the standard input stream to a file.
+    """Copy the standard input stream to a file.
 
     Raises
     ------
@@ -105,8 +105,8 @@ def read_file(path: Path) -> None:
 def guarded() -> Iterator[None]:
     """Make ``sys.stdout`` and ``sys.stderr`` safe to write to within the block.
 
-    A descriptor that is closed (``2>&-``) is given to the null device: the next file that is
-    opened would become the standard error stream, and take what native libraries print.
+    A closed descriptor (``2>&-``) is opened on the null device: otherwise the next opened file
+    would become the standard error stream and receive what native libraries print.
     """
     for descriptor in range(3):
         try:

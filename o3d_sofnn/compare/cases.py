@@ -1,4 +1,4 @@
-"""What is compared: clouds from files, and clouds from closed meshes, whose truth is known."""
+"""Inputs of the comparison: clouds from files, and clouds from closed meshes (ground truth)."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from o3d_sofnn.geometry import mesh_properties
 Array = NDArray[Any]
 
 MESHES = (".ply", ".obj", ".off", ".stl", ".gltf", ".glb")
-"""Endings of files that may hold triangles."""
+"""Extensions of files that may contain triangles."""
 LONGEST = 120
-"""Bytes of an input's name in the names of its pictures; these may have 255 with all the rest."""
+"""Largest number of bytes of an input's name in its pictures' names, which may have 255 in all."""
 
 
 @dataclass(frozen=True)
@@ -37,13 +37,13 @@ class Case:
     input : str
         Name of the scan or of the model.
     points : (n, 3) float64
-        Finite.
+        Finite points.
     noise : float or None
-        Standard deviation along each axis in percent of the diagonal; None when it is not known.
+        Standard deviation along each axis in percent of the diagonal; None if unknown.
     truth : Truth or None
-        The true surface, when it is known.
+        The true surface, if it is known.
     view : View
-        From where pictures show it.
+        View of the pictures.
     """
 
     input: str
@@ -54,13 +54,13 @@ class Case:
 
     @property
     def name(self) -> str:
-        """Return a name that can be part of a file's name: long ones are cut."""
+        """Return a name that can be part of a file's name; long ones are cut."""
         noise = "" if self.noise is None else f"-noise-{self.noise:g}"
         return f"{_cut(self.input)}-{len(self.points)}{noise}"
 
     @property
     def title(self) -> str:
-        """Return a name for people."""
+        """Return a human-readable name."""
         noise = "" if self.noise is None else f", {self.noise:g} % noise"
         return f"{self.input}, {len(self.points):,} points{noise}"
 
@@ -75,16 +75,16 @@ class Model:
 
 @dataclass(frozen=True)
 class Source:
-    """An input that is read when its turn comes.
+    """An input that is read when it is needed.
 
     Attributes
     ----------
     name : str
-        Of the input.
+        Name of the input.
     read : callable
         () -> (n, 3) points of a scan, or a Model.
     view : View
-        From where pictures show it.
+        View of the pictures.
     """
 
     name: str
@@ -99,12 +99,12 @@ class Ladder:
     Attributes
     ----------
     points : int
-        Drawn from a model for the comparison over noise.
+        Number of points drawn from a model for the comparison of noise levels.
     noise : sequence of float
         Standard deviations in percent of the diagonal.
     sizes : sequence of int
-        Further numbers of points for the comparison over size: drawn from a model without noise,
-        or kept of a scan.
+        Further numbers of points for the comparison of sizes, drawn from a model without noise, or
+        selected from a scan.
     """
 
     points: int = 20_000
@@ -120,9 +120,9 @@ def sources(files: Sequence[Path], view: View, clouds_only: bool) -> list[Source
     files : sequence of Path
         Point files, or mesh files.
     view : View
-        For all of them.
+        View of all inputs.
     clouds_only : bool
-        Whether also the vertices of a closed mesh are taken for a scan.
+        Whether closed meshes are treated as scans, too.
     """
     found: dict[str, Source] = {}
     for file in files:
@@ -138,7 +138,7 @@ def read(file: Path, clouds_only: bool = False) -> Array | Model:
     Raises
     ------
     OSError, ValueError
-        As of :func:`read_points`.
+        As in :func:`read_points`.
     """
     points = read_points(file)
     if clouds_only or file.suffix.lower() not in MESHES:
@@ -157,8 +157,8 @@ def read_points(file: Path) -> Array:
     Raises
     ------
     OSError, ValueError
-        As of :func:`o3d_sofnn.files.point_files.read_point_cloud`; also where there are fewer than
-        four.
+        As in :func:`o3d_sofnn.files.point_files.read_point_cloud`, or there are fewer than four
+        finite points.
     """
     cloud = adapters.read_cloud(point_files.read_point_cloud(file)).points
     points = cloud[validation.finite_rows(cloud)]
@@ -170,7 +170,7 @@ def read_points(file: Path) -> Array:
 
 
 def cases(source: Source, ladder: Ladder) -> Iterator[Case]:
-    """Yield the clouds of an input: the same numbers every time."""
+    """Yield the clouds of an input; they are the same every time."""
     found = source.read()
     if not isinstance(found, Model):
         yield Case(source.name, found, view=source.view)
@@ -186,7 +186,7 @@ def cases(source: Source, ladder: Ladder) -> Iterator[Case]:
 
 
 def count(source: Source, ladder: Ladder) -> int:
-    """Return the most clouds that an input can have, before it is read."""
+    """Return the largest number of clouds that an input can have, before it is read."""
     return max(len(set(ladder.noise)) + len(set(ladder.sizes) - {ladder.points}), 1)
 
 

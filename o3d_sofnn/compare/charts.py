@@ -15,28 +15,28 @@ WIDTH, HEIGHT = 460, 320
 LEFT, RIGHT, TOP, BOTTOM = 62, 14, 14, 46
 """Margins around the plotted area."""
 LABEL = 50
-"""Least distance of labels under it."""
+"""Smallest distance between labels of the horizontal axis."""
 COLORS = (
     *("#c22f2f", "#1f6fb2", "#2f9e6e", "#8a63c9", "#c9791a"),
     *("#5f7480", "#b8508f", "#6f7d1c", "#7a4a3a"),
 )
-"""Of the methods in their order, as in the page's light theme."""
+"""Colours of the methods in their order, as in the page's light theme."""
 
 
 @dataclass(frozen=True)
 class Chart:
-    """What is drawn over what.
+    """The quantities and labels of a chart.
 
     Attributes
     ----------
     name : str
-        Of the file, and of the element on the page.
+        Name of the file, and of the element on the page.
     title : str
-        Above the chart.
+        Title above the chart.
     x, y : str
         Keys of the rows.
     x_label, y_label : str
-        At the axes.
+        Labels of the axes.
     x_log, y_log : bool
         Whether an axis is logarithmic.
     """
@@ -51,7 +51,7 @@ class Chart:
     y_log: bool = False
 
     def takes(self, row: Row) -> bool:
-        """Tell whether a row counts: noise is varied at one size, size without noise."""
+        """Return whether a row counts: noise is varied at one size, size without noise."""
         if row["error"] or row.get(self.y) is None or row.get(self.x) is None:
             return False
         return self.x == "noise" or not row["noise"]
@@ -89,10 +89,10 @@ CHARTS = (
 
 
 def series(chart: Chart, rows: Sequence[Row]) -> dict[str, list[tuple[float, float]]]:
-    """Return for every method the medians of y over the rows of equal x, x ascending.
+    """Return for every method the median of y for each value of x, in ascending order of x.
 
-    For charts over noise only those inputs and sizes count that have several levels of noise. For
-    charts over size the input with the most sizes counts, if it has several: others would have
+    For charts against noise, only inputs and sizes with several noise levels count. For charts
+    against size, only the input with the most sizes counts, if it has several: others would add
     points in between.
     """
     rows = [row for row in rows if chart.takes(row)]
@@ -119,28 +119,28 @@ def series(chart: Chart, rows: Sequence[Row]) -> dict[str, list[tuple[float, flo
 
 
 def draw(chart: Chart, rows: Sequence[Row], methods: Sequence[str], titles: dict[str, str]) -> str:
-    """Return the chart as an SVG element, "" when there is nothing to draw.
+    """Return the chart as an SVG element, or "" if there is nothing to draw.
 
     Every point has its method and its numbers as data attributes; the class ``m<k>`` of a line is
-    the place of its method in ``methods``.
+    the position of its method in ``methods``.
 
     Parameters
     ----------
     chart : Chart
-        What is drawn.
+        The chart.
     rows : sequence of dict
         Results, with the keys ``run.COLUMNS``.
     methods : sequence of str
         All methods, in the order of their colours.
     titles : dict of str to str
-        Their names for people.
+        Human-readable names of the methods.
     """
     lines = series(chart, rows)
     points = [point for line in lines.values() for point in line]
     if not points:
         return ""
     across = _Axis([x for x, _ in points], chart.x_log, LEFT, WIDTH - RIGHT)
-    # On a logarithmic axis nothing is 0: an exact result sits at the bottom.
+    # A logarithmic axis has no 0: an exact result is drawn at the bottom.
     up = _Axis([y for _, y in points], chart.y_log, HEIGHT - BOTTOM, TOP)
     parts = [
         f'<svg class="chart" id="{chart.name}" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" '
@@ -191,7 +191,7 @@ def draw(chart: Chart, rows: Sequence[Row], methods: Sequence[str], titles: dict
 
 
 class _Axis:
-    """Numbers to places in the picture, with a little room at both ends."""
+    """Maps numbers to positions in the picture, with a little room at both ends."""
 
     def __init__(self, values: Sequence[float], log: bool, start: float, stop: float) -> None:
         positive = [value for value in values if value > 0]

@@ -12,9 +12,9 @@ Array = NDArray[Any]
 HEAT = ((214, 222, 233), (252, 204, 115), (230, 84, 51), (115, 0, 26))
 """Colours of errors, evenly spaced from 0 to the largest."""
 FLIPPED = (0.80, 0.05, 0.10)
-"""Of points whose normals point to the wrong side."""
+"""Colour of points whose normals point to the wrong side."""
 RIGHT = (0.70, 0.74, 0.80)
-"""Of the other points, beside them."""
+"""Colour of the other points."""
 
 
 def direction_colors(normals: Array) -> Array:
@@ -31,5 +31,5 @@ def heat_colors(values: Array, largest: float) -> Array:
 
 
 def side_colors(flipped: Array) -> Array:
-    """Colour points red where (n,) ``flipped`` says so, and grey elsewhere."""
+    """Colour flipped points, (n,) bool, red and the others grey."""
     return np.where(np.asarray(flipped, bool)[:, None], FLIPPED, RIGHT)

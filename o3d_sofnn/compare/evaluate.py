@@ -1,4 +1,4 @@
-"""One method on one cloud, from the points to the figures: what runs in a process of its own."""
+"""One method on one cloud, from the points to the figures: this runs in a separate process."""
 
 from __future__ import annotations
 
@@ -30,33 +30,33 @@ METHODS = {
     "meshlab_apss": "meshlab_sofnn.peers",
     "meshlab_sofnn": "meshlab_sofnn.peers",
 }
-"""Names of the methods, and the modules that have a function of that name."""
+"""Names of the methods, and the modules that contain functions of these names."""
 WORST = 0.01
-"""Error that is drawn darkest, in parts of the diagonal."""
+"""Error that gets the darkest colour, as a fraction of the diagonal."""
 DOTS = 6_000
-"""Most points that a pane shows."""
+"""Largest number of points in a pane."""
 AROUND = 6
-"""Neighbours of a point of a scan within which the surface is taken for supported by it."""
+"""Number of neighbours of a scan's point within which it supports the surface."""
 WIDTH, HEIGHT = 440, 380
-"""Of a picture, in pixels."""
+"""Size of a picture, in pixels."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """What there is to see of a result.
+    """The visible part of a result.
 
     Attributes
     ----------
     vertices : (m, 3) float64
-        Of a mesh that is simple enough for a page, or of a cloud.
+        Vertices of a mesh that is simple enough for a page, or points of a cloud.
     triangles : (f, 3) int64
         None for a cloud.
     errors : (m,) float64
-        Of the vertices, in parts of ``WORST`` of the diagonal, at most 1.
+        Errors of the vertices, divided by ``WORST`` of the diagonal, at most 1.
     normals : (k, 3) float64, or None
-        At the points ``dots(case)``.
+        Normals at the points ``dots(case)``.
     flipped : (k,) bool, or None
-        Which of them point to the wrong side; None when the truth is not known.
+        Which of them point to the wrong side; None if the truth is unknown.
     pictures : dict of str to bytes
         PNG files: "surface", "normals" (by direction), "flipped" (in red).
     """
@@ -71,14 +71,14 @@ class Look:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The figures of a result (keys of ``measure.FIGURES``), and what there is to see of it."""
+    """The figures of a result (keys of ``measure.FIGURES``), and its visible part."""
 
     figures: dict[str, float | None]
     look: Look
 
 
 def evaluate(case: Case, method: str, samples: int, triangles: int) -> Evaluation:
-    """Run a method on a cloud and measure what comes out.
+    """Run a method on a cloud and measure the result.
 
     Parameters
     ----------
@@ -87,14 +87,14 @@ def evaluate(case: Case, method: str, samples: int, triangles: int) -> Evaluatio
     method : str
         One of ``METHODS``.
     samples : int
-        Points drawn from either surface for the comparison with the truth.
+        Number of points drawn from each surface for the comparison with the truth.
     triangles : int
-        At most so many in the look.
+        Largest number of triangles in the look.
 
     Returns
     -------
     Evaluation
-        Its time is that of the method alone, without loading libraries.
+        The time is that of the method only, without loading libraries.
     """
     run = getattr(_load(METHODS[method]), method)
     started = time.perf_counter()
@@ -108,7 +108,7 @@ def evaluate(case: Case, method: str, samples: int, triangles: int) -> Evaluatio
 
 
 def before(case: Case) -> Look:
-    """Return the cloud with the normals of plain planes, which know no sides."""
+    """Return the cloud with the normals of plane fits, which are not oriented."""
     chosen = dots(case)
     points, normals = case.points[chosen], peers.plane_normals(case.points)
     frame = _frame(case)
@@ -134,7 +134,7 @@ def dots(case: Case) -> Array:
 
 
 def _load(module: str) -> Any:
-    """Import what a method needs, so that this does not count as its time."""
+    """Import what a method needs, so that importing does not count as its time."""
     adapters.import_open3d()
     try:
         return importlib.import_module(module)
@@ -169,10 +169,10 @@ def _look(case: Case, mesh: Mesh, triangles: int) -> Look:
 
 
 def surface_errors(case: Case, vertices: Array) -> Array:
-    """Return the distances of vertices from the truth, or without one from the data.
+    """Return the distances of vertices from the truth or, without one, from the data.
 
-    Methods put vertices between the points or on them: what counts is how much farther the nearest
-    point is than its neighbours are from it.
+    Methods place vertices between the points or on them: what counts is how much the distance of
+    the nearest point exceeds its distance from its own neighbours.
     """
     if case.truth is None:
         tree = cKDTree(case.points)

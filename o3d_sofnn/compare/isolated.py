@@ -1,4 +1,4 @@
-"""Run one function in a process of its own: a crash, a hang or a leak there stays there."""
+"""Run one function in a separate process, which contains crashes, hangs and leaks."""
 
 from __future__ import annotations
 
@@ -23,20 +23,19 @@ _ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(si
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a call.
+    """The outcome of a call.
 
     Attributes
     ----------
     value : object
-        What the function returned; None after a failure.
+        Return value of the function; None after a failure.
     error : str or None
         One line about the failure; None after success.
     seconds : float
-        Wall time of the function alone, without the start of the process; all of it after a
-        failure.
+        Wall time of the function only; after a failure, including the start of the process.
     peak_mb : float or None
-        Largest resident memory of the process, in MB, imports included; None where the system
-        does not tell.
+        Largest resident memory of the process, in MB, including imports; None if the system does
+        not provide it.
     """
 
     value: Any
@@ -68,23 +67,23 @@ def call(
     Parameters
     ----------
     function : callable
-        At the top level of a module. Its arguments and result must be picklable.
+        A function at the top level of a module. Its arguments and result must be picklable.
     *args : object
-        Its arguments.
+        Arguments of the function.
     timeout : float
-        Seconds until the process is ended.
+        Seconds after which the process is killed.
     environment : dict of str to str, optional
-        Variables that the new process has beside those of this one.
+        Environment variables of the new process in addition to those of this one.
 
     Returns
     -------
     Outcome
-        Never raises for a failure of the function.
+        The outcome; failures of the function do not raise.
 
     Raises
     ------
     KeyboardInterrupt
-        After Ctrl-C, SIGTERM or SIGHUP; the process is ended.
+        After Ctrl-C, SIGTERM or SIGHUP; the process is killed.
     """
     # A new interpreter: threads and graphics contexts do not survive a fork.
     context = multiprocessing.get_context("spawn")
@@ -113,12 +112,12 @@ def call(
 
 @contextlib.contextmanager
 def _heeding_termination() -> Iterator[None]:
-    """Take these for Ctrl-C: by default they would end this process alone, and leave the other."""
+    """Treat these signals like Ctrl-C: by default they would end this process but not the other."""
 
     def interrupt(number: int, frame: object) -> None:
         raise KeyboardInterrupt
 
-    # Where somebody else decides what they mean, it stays so.
+    # Handlers that others have installed are left alone.
     taken = [number for number in _ENDING if signal.getsignal(number) is signal.SIG_DFL]
     for number in taken:
         signal.signal(number, interrupt)
@@ -131,10 +130,10 @@ def _heeding_termination() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _deaf_to_signals() -> Iterator[None]:
-    """Start a process that never hears Ctrl-C, which reaches the whole group of processes.
+    """Start a process that never receives Ctrl-C, which is sent to the whole process group.
 
-    A new process inherits that the signal is blocked. Here signals must wait until the start is
-    over, whichever thread gets them: half a start would leave a process that nobody ends.
+    A new process inherits the blocked signals. In this process, signals must wait until the start
+    is over, whichever thread gets them: an interrupted start would leave an orphan process.
     """
     heard: list[int] = []
     handlers = {
@@ -172,14 +171,14 @@ def _child(
         value = function(*args)
     except MemoryError:
         error = "not enough memory"
-    except Exception as failure:  # whatever it is, it belongs into the report
+    except Exception as failure:  # any exception belongs in the report
         text = str(failure).strip().splitlines() or [""]
         error = f"{type(failure).__name__}: {text[0]}"[:300]
     sender.send((value, error, time.perf_counter() - started, peak_mb()))
 
 
 def peak_mb() -> float | None:
-    """Return the largest resident memory of this process so far, in MB; None if not known."""
+    """Return the largest resident memory of this process so far, in MB; None if unknown."""
     status = Path("/proc/self/status")
     if status.exists():  # getrusage would count what the parent had before it started this process
         found = re.search(r"VmHWM:\s+(\d+) kB", status.read_text())

@@ -1,4 +1,4 @@
-"""How good a mesh is: against the points alone, and against the true surface."""
+"""Accuracy of a mesh, compared with the points and with the true surface."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 
 F_SCORE_DISTANCE = 0.002
-"""Threshold of the F-score, in parts of the diagonal."""
+"""Threshold of the F-score, as a fraction of the diagonal."""
 
 
 @dataclass(frozen=True)
 class Truth:
-    """A closed mesh, and its normals where the points were drawn."""
+    """A closed mesh, and its normals at the points that were drawn from it."""
 
     vertices: Array
     triangles: Array
@@ -50,7 +50,7 @@ FIGURES = {
 """Columns and their titles; distances are in thousandths of the diagonal."""
 YES_OR_NO = ("watertight", "manifold")
 WHOLE = ("triangles", "components", "holes", "runs", "failed", "peak_mb", "points")
-"""Those that are true or false, and those without decimals."""
+"""Figures that are true or false, and figures without decimals."""
 
 
 def figures(points: Array, mesh: Mesh, truth: Truth | None, count: int) -> dict[str, float]:
@@ -63,14 +63,15 @@ def figures(points: Array, mesh: Mesh, truth: Truth | None, count: int) -> dict[
     mesh : Mesh
         The result.
     truth : Truth or None
-        The true surface, when it is known.
+        The true surface, if it is known.
     count : int
-        Points drawn from each surface for the comparison with the truth.
+        Number of points drawn from each surface for the comparison with the truth.
 
     Returns
     -------
     dict of str to float
-        Keys of ``FIGURES``, without time and memory. Those that need a truth are missing without.
+        Figures with the keys ``FIGURES``, except time and memory. Without a truth, those that need
+        one are missing.
     """
     v, f = mesh.vertices, mesh.triangles
     thousandth = 1e-3 * float(np.linalg.norm(np.ptp(points, axis=0)))
@@ -131,7 +132,7 @@ def turned(row: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def show(key: str, value: float) -> str:
-    """Return a figure as people read it."""
+    """Return a figure as readable text."""
     if key in YES_OR_NO:
         return {0.0: "no", 1.0: "yes"}.get(value, f"{100 * value:.0f} %")
     if key in WHOLE:
@@ -140,7 +141,7 @@ def show(key: str, value: float) -> str:
 
 
 def distances(x: Array, vertices: Array, triangles: Array) -> tuple[Array, Array]:
-    """Return distances of (n, 3) places from a mesh, and the normals of the nearest triangles."""
+    """Return distances of (n, 3) queries from a mesh, and the normals of the nearest triangles."""
     mesh = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(triangles, np.int32)
     places = np.ascontiguousarray(x, np.float64)
     distance, nearest = map(np.asarray, nearest_triangles(*mesh, places, thread_count(-1)))
@@ -149,5 +150,5 @@ def distances(x: Array, vertices: Array, triangles: Array) -> tuple[Array, Array
 
 def _count_loops(edges: Array) -> int:
     """Count the connected groups of border edges."""
-    # As triangles with a repeated corner, edges are what component_labels takes.
+    # component_labels takes triangles: an edge is one with a repeated corner.
     return mesh_properties.component_labels(edges[:, [0, 1, 1]])[0] if len(edges) else 0

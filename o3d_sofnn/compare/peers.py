@@ -1,6 +1,6 @@
-"""Our operator and what Open3D users have instead: points without normals in, a mesh out.
+"""Our operator and Open3D's alternatives: points without normals in, a mesh out.
 
-The peers of MeshLab are in ``meshlab_sofnn.peers``: this package never imports PyMeshLab.
+MeshLab's methods are in ``meshlab_sofnn.peers``: this package never imports PyMeshLab.
 """
 
 from __future__ import annotations
@@ -16,27 +16,27 @@ from o3d_sofnn import adapters
 Array = NDArray[Any]
 
 NEIGHBORS = 30
-"""Of the normals, and of the graph along which they are oriented."""
+"""Number of neighbours for the normals, and in the graph along which they are oriented."""
 DEPTH = 9
 """Octree depth of Poisson reconstruction."""
 BALLS = (1.5, 3.0, 6.0)
-"""Radii of ball pivoting, over the mean distance of neighbouring points."""
+"""Radii of ball pivoting, divided by the mean distance between neighbouring points."""
 ALPHA = 4.0
-"""Radius of the alpha shape, over the mean distance of neighbouring points."""
+"""Radius of the alpha shape, divided by the mean distance between neighbouring points."""
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """What a method makes of points.
+    """The result of a method.
 
     Attributes
     ----------
     vertices : (m, 3) float64
-        All in use.
+        Vertices, all of them in use.
     triangles : (f, 3) int64
         Vertex indices.
     normals : (n, 3) float64, or None
-        At the points, oriented; None when the method has none.
+        Oriented normals at the points; None if the method has none.
     """
 
     vertices: Array
@@ -45,10 +45,10 @@ class Mesh:
 
     @classmethod
     def of(cls, vertices: Array, triangles: Array, normals: Array | None) -> Mesh:
-        """Return copies in C order, without triangles at infinity and vertices without triangles.
+        """Return copies in C order, without triangles at infinity and unused vertices.
 
-        MeshLab's marching cubes on noise leaves vertices without a place; ball pivoting keeps all
-        points.
+        On noise, MeshLab's marching cubes leaves vertices without a position; ball pivoting keeps
+        all points.
 
         Raises
         ------
@@ -102,7 +102,7 @@ def open3d_alpha_shape(points: Array) -> Mesh:
 
 
 def plane_normals(points: Array) -> Array:
-    """Return the normals of Open3D's planes, (n, 3), on the sides where they happen to be."""
+    """Return the normals of Open3D's plane fits, (n, 3), with arbitrary signs."""
     geometry = adapters.import_open3d().geometry
     pcd = _cloud(points)
     pcd.estimate_normals(geometry.KDTreeSearchParamKNN(NEIGHBORS))
@@ -110,7 +110,7 @@ def plane_normals(points: Array) -> Array:
 
 
 def simplify(mesh: Mesh, count: int) -> Mesh:
-    """Return a mesh of about ``count`` triangles of the same shape, for a quick look."""
+    """Return a mesh of the same shape with about ``count`` triangles, for a quick look."""
     if len(mesh.triangles) <= count:
         return mesh
     o3d = adapters.import_open3d()

@@ -16,19 +16,19 @@ from o3d_sofnn.geometry.vectors import unit
 Array = NDArray[Any]
 
 SUPERSAMPLING = 2
-"""Samples along each side of a pixel."""
+"""Number of samples along each side of a pixel."""
 MARGIN = 1.08
-"""Of the picture about what must be seen, as a factor."""
+"""Size of the picture, divided by the size of its content."""
 NEAR, FAR = np.array([0.20, 0.33, 0.58]), np.array([0.72, 0.78, 0.87])
 """Colours of points without colours of their own."""
 BACK = np.array([0.80, 0.42, 0.34])
 """Colour of the backs of triangles."""
 LIGHT = np.array([0.35, 0.45, 0.82])
-"""Direction to the light in the frame of the viewer: right, up, toward."""
+"""Direction to the light in the viewer's coordinates: right, up, toward."""
 LARGE = 64
-"""Extent in samples above which a triangle is filled by itself."""
+"""Extent in samples above which a triangle is filled on its own."""
 MOST_SAMPLES = 4_000_000
-"""Samples of triangles that are in memory at a time."""
+"""Largest number of triangle samples in memory at a time."""
 
 
 @dataclass(frozen=True)
@@ -48,16 +48,16 @@ class View:
 
 @dataclass(frozen=True)
 class Frame:
-    """What is in a picture, and its size in pixels.
+    """The view and bounds of a picture, and its size in pixels.
 
     Attributes
     ----------
     view : View
-        From where.
+        View direction.
     low, high : (3,) float64
-        Bounds of what must be seen, along the axes of the view.
+        Bounds of the content, along the axes of the view.
     width, height : int
-        Of the picture.
+        Size of the picture.
     """
 
     view: View
@@ -68,7 +68,7 @@ class Frame:
 
     @classmethod
     def around(cls, view: View, points: Array, width: int = 480, height: int = 400) -> Frame:
-        """Return the frame that just holds (n, 3) points."""
+        """Return the smallest frame that contains (n, 3) points."""
         seen = points @ view.axes().T
         return cls(view, seen.min(axis=0), seen.max(axis=0), width, height)
 
@@ -81,11 +81,11 @@ class Frame:
         )
 
     def pixels(self, length: float) -> float:
-        """Return how many pixels a length across the view has."""
+        """Return the number of pixels of a length across the view."""
         return length * self._fit()[1]
 
     def _fit(self) -> tuple[Array, float]:
-        """Return the middle in the axes of the view, and pixels a unit of length."""
+        """Return the middle along the axes of the view, and the pixels per unit of length."""
         largest = float(np.abs([self.low, self.high]).max())
         extent = MARGIN * np.maximum(self.high - self.low, 1e-12 * largest + 1e-300)
         scale = min(self.width / extent[0], self.height / extent[1])
@@ -197,7 +197,7 @@ def typical_spacing(points: Array) -> float:
 
 
 def depth_colors(frame: Frame, points: Array) -> Array:
-    """Return colours that are paler with the distance: the far side shows through between."""
+    """Return colours that become paler with the distance, since the far side shows through."""
     depth = points @ frame.view.axes()[2]
     near, far = np.quantile(depth, [0.98, 0.02])
     share = np.clip((near - depth) / max(near - far, 1e-300), 0.0, 1.0)[:, None]
@@ -219,7 +219,7 @@ def encode_png(pixels: NDArray[np.uint8]) -> bytes:
 
 
 def _shade(corners: Array, colors: Array) -> Array:
-    """Return the lit colours at the corners of triangles in the frame of the viewer."""
+    """Return the lit colours at the corners of triangles in the viewer's coordinates."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     # Rows grow downwards, which mirrors the picture and turns the normals.
     normals = unit(np.cross(b - a, c - a) * [-1.0, 1.0, -1.0])
@@ -257,7 +257,7 @@ def _fill(corners: Array, colors: Array, size: tuple[int, int]) -> tuple[Array, 
 def _deposit(
     depth: Array, picture: Array, size: tuple[int, int], samples: Array, colors: Array
 ) -> None:
-    """Write the samples that are nearer than what is there."""
+    """Write the samples that are nearer than those already in the picture."""
     width, height = size
     column, row = np.floor(samples[:, 0]).astype(int), np.floor(samples[:, 1]).astype(int)
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)

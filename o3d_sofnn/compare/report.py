@@ -34,7 +34,7 @@ TITLES = {
     "meshlab_apss": "MeshLab APSS",
     "meshlab_sofnn": "o3d_sofnn in MeshLab",
 }
-"""Of methods, and of the pane of the points."""
+"""Titles of the methods, and of the pane of the points."""
 SMALLER_IS_BETTER = {
     *("seconds", "peak_mb", "input_mean", "input_max", "chamfer", "hausdorff", "flipped")
 }
@@ -54,9 +54,9 @@ def write(
     path : Path
         The HTML file.
     rows : list of dict
-        Keys ``run.COLUMNS``; None where there is no number.
+        Results with the keys ``run.COLUMNS``; None where there is no number.
     scenes : list of Scene
-        For the panes.
+        Contents of the panes.
     note : str, default ""
         A sentence above everything.
     machine : str, default ""
@@ -107,7 +107,7 @@ def write(
 
 
 def save(path: Path, data: bytes | str) -> None:
-    """Write a file whole or not at all; what UTF-8 cannot hold of a file's name is escaped.
+    """Write a file whole or not at all; undecodable bytes of file names are escaped.
 
     Raises
     ------
@@ -119,12 +119,12 @@ def save(path: Path, data: bytes | str) -> None:
 
 
 def _filled(template: str, parts: dict[str, str]) -> str:
-    """Fill all places ``{{name}}`` at once: braces in a part, say a file's name, are text."""
+    """Fill all placeholders ``{{name}}`` at once: braces in a part (a file name) remain text."""
     return re.sub(r"\{\{(\w+)\}\}", lambda place: parts[place[1]], template)
 
 
 def _policy(styles: list[str], scripts: list[str]) -> str:
-    """Return a content security policy: nothing runs but these, nothing is fetched or sent."""
+    """Return a content security policy: only these run, and nothing is fetched or sent."""
 
     def hashes(texts: list[str]) -> str:
         digests = (hashlib.sha256(text.encode()).digest() for text in texts)
@@ -137,7 +137,7 @@ def _policy(styles: list[str], scripts: list[str]) -> str:
 
 
 def summarise(rows: Iterable[Row]) -> list[Row]:
-    """Return one row a method: medians of its figures, shares of yes for yes-or-no figures.
+    """Return one row per method: medians of its figures, and shares of yes for yes-or-no ones.
 
     A method whose sides are wrong as a whole on some clouds has a second row, with those turned.
     """
@@ -182,7 +182,7 @@ def _asset(name: str) -> str:
 
 
 def _standalone(svg: str) -> str:
-    """Return a chart that is a file of its own, on white."""
+    """Return a chart as a standalone file on white."""
     style = "text{font:11px sans-serif}polyline{fill:none;stroke-width:2}.grid{stroke:#ddd}"
     for k, color in enumerate(charts.COLORS):
         style += f".m{k} polyline{{stroke:{color}}}.m{k} circle{{fill:{color}}}"

@@ -1,4 +1,4 @@
-"""The comparison as a whole: all inputs, all methods, figures and report as they come in."""
+"""The whole comparison: all inputs, all methods; figures and report are updated on the way."""
 
 from __future__ import annotations
 
@@ -32,31 +32,31 @@ from o3d_sofnn.validation import thread_count
 Row = dict[str, Any]
 
 COLUMNS = ("input", "points", "noise", "method", "error", *FIGURES)
-"""Of the CSV file."""
+"""Columns of the CSV file."""
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
-"""How formulas begin in spreadsheets, also behind blanks that these take away."""
+"""First characters of formulas in spreadsheets, possibly after blanks, which these strip."""
 SAMPLES = 50_000
 QUICK_SAMPLES = 10_000
-"""Points drawn from either surface for the comparison with the truth."""
+"""Number of points drawn from each surface for the comparison with the truth."""
 PATIENT = {"OMP_WAIT_POLICY": "PASSIVE"}
-"""Threads of OpenMP that wait at a barrier sleep: on a busy machine they would delay each other."""
+"""OpenMP threads that wait at a barrier sleep: on a busy machine, spinning would delay others."""
 ALL_TRIANGLES = 600_000
 FEWEST_TRIANGLES, MOST_TRIANGLES = 4_000, 30_000
-"""In the panes of a report together, and in one of them: for a file of some ten megabytes."""
+"""Triangles in all panes of a report, and in one pane: gives a file of about ten megabytes."""
 
 
 @dataclass
 class Result:
-    """What is known so far.
+    """The results so far.
 
     Attributes
     ----------
     rows : list of dict
-        One a method and cloud, with the keys ``COLUMNS``; "" or None where there is no figure.
+        One row per method and cloud, with the keys ``COLUMNS``; "" or None if there is no figure.
     scenes : list of Scene
-        What there is to see, one a cloud.
+        One scene per cloud.
     report : Path
-        The page.
+        The HTML page.
     """
 
     rows: list[Row] = field(default_factory=list)
@@ -81,28 +81,28 @@ def run(
     inputs : sequence of Source
         Scans and models.
     output : Path
-        A folder; made when it is missing.
+        A folder; it is created if it is missing.
     methods : sequence of str
-        Of ``METHODS``.
+        Some of ``METHODS``.
     ladder : Ladder, optional
         Numbers of points, and noise.
     timeout : float, default 180
-        Seconds for one method on one cloud, with measuring.
+        Seconds for one method on one cloud, including the measurements.
     quick : bool, default False
-        Coarser figures.
+        Whether figures are coarser.
     progress : callable, optional
-        Called with the fraction done and what is being done.
+        Called with the fraction done and the current stage.
 
     Returns
     -------
     Result
-        A method that fails is a row with an ``error``; so is an input that cannot be read, without
-        a method.
+        A failure of a method is a row with an ``error``; an unreadable input is one without a
+        method.
 
     Raises
     ------
     KeyboardInterrupt
-        After Ctrl-C, when the report on what was finished is written.
+        After Ctrl-C; the report on the finished part has been written.
     """
     output.mkdir(parents=True, exist_ok=True)
     progress = progress or NoProgress()
@@ -127,7 +127,7 @@ def run(
                 _compare(case, job, result, share)
             done += whole
     except KeyboardInterrupt:
-        note = "Interrupted: this is what was finished."
+        note = "Interrupted: only the finished part is shown."
         raise
     finally:
         if result.rows:
@@ -232,5 +232,5 @@ def _write_csv(path: Path, rows: list[Row]) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """Keep a text from being taken for a formula: a spreadsheet would run it."""
+    """Escape text that a spreadsheet would run as a formula."""
     return f"'{value}" if isinstance(value, str) and value.startswith(FORMULA) else value

@@ -1,4 +1,4 @@
-"""What there is to see of one cloud, and the same as JSON: few bytes a vertex, as base64."""
+"""The visible results for one cloud, and their JSON form: few bytes per vertex, as base64."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ Array = NDArray[Any]
 Row = dict[str, Any]
 
 STEPS = 65535
-"""Places along each side of the box of a mesh."""
+"""Number of steps along each side of the box of a mesh."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What there is to see of one cloud.
+    """The visible results for one cloud.
 
     Attributes
     ----------
     title : str
-        Of the cloud.
+        Title of the cloud.
     view : View
-        From where it is seen first.
+        Initial view.
     looks : dict of str to Look
-        Of the methods, and of the "input".
+        Looks of the methods, and of the "input".
     errors : dict of str to str
         Messages of the methods that failed.
     facts : dict of str to str
-        A few figures of the others.
+        A few figures of the other methods.
     """
 
     title: str
@@ -47,7 +47,7 @@ class Scene:
     facts: dict[str, str] = field(default_factory=dict)
 
     def add(self, row: Row, look: Look | None) -> None:
-        """Take the result of a method."""
+        """Add the result of a method."""
         if look is None:
             self.errors[row["method"]] = row["error"]
             return
@@ -59,7 +59,7 @@ class Scene:
 
 
 def pack(scene: Scene, titles: dict[str, str]) -> dict[str, Any]:
-    """Return one scene: the ball that is seen first, and a pane for the input and every method."""
+    """Return one scene: its bounding ball, and a pane for the input and every method."""
     first = scene.looks.get("input")
     boxed = [look for look in (first, *scene.looks.values()) if look is not None]
     box = boxed[0].vertices if boxed else np.zeros((1, 3))

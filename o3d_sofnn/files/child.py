@@ -1,6 +1,6 @@
-"""Native readers that may crash or ask for any memory run in a process of their own.
+"""A separate process for native readers, which may crash or allocate any amount of memory.
 
-What they return comes back through a pipe, in frames: eight bytes with the length, then the bytes.
+Their results come back through a pipe, in frames: eight bytes with the length, then the bytes.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ _START = (
 _SECONDS, _SECONDS_PER_MEGABYTE = 60.0, 4.0
 
 
-# Address space: an interpreter with NumPy or Open3D, the stacks and heaps of one thread a core, and
-# several copies of the file.
+# Address space: an interpreter with NumPy or Open3D, the stacks and heaps of one thread per core,
+# and several copies of the file.
 _MEMORY, _MEMORY_PER_CORE, _COPIES = 2**30, 2**28, 16
 
 
@@ -43,14 +43,14 @@ def run(module: str, path: Path) -> Iterator[bytearray]:
     Parameters
     ----------
     module : str
-        Its ``frames`` takes a path as text and yields bytes.
+        Name of a module whose ``frames`` takes a path as text and yields bytes.
     path : pathlib.Path
-        The file, which also says how much time and memory its reader gets.
+        The file; its size also determines how much time and memory the reader gets.
 
     Yields
     ------
     bytearray
-        One a frame.
+        One per frame.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def run(module: str, path: Path) -> Iterator[bytearray]:
 def main(module: str, path: str, memory: str) -> None:
     """Send the frames of ``module.frames(path)`` to the standard output stream.
 
-    This is the process that may die. It is told by the parent, not by users.
+    This runs in the process that may crash. It is called by the parent process, not by users.
     """
     # Native code may print: its streams lead nowhere, the pipe is ours.
     with os.fdopen(os.dup(1), "wb") as pipe:
@@ -92,7 +92,7 @@ def main(module: str, path: str, memory: str) -> None:
             _send(pipe, _END, b"")
         except BrokenPipeError:
             pass
-        except BaseException as error:  # a panic of Rust is no Exception
+        except BaseException as error:  # a panic in Rust is not an Exception
             text = f"{type(error).__name__}: {' '.join(str(error).split())}"
             _send(pipe, _FAILED, text.encode())
 
@@ -117,7 +117,7 @@ def _error(text: str, path: Path) -> Exception:
     kind, _, message = text.partition(": ")
     if kind == "ImportError":
         return ImportError(message)
-    # libE57 goes on with where in its sources it was.
+    # libE57 appends the location in its sources.
     message = message.partition("****")[0].strip() or kind
     return ValueError(f"{path}: not readable: {message[:200]}")
 
@@ -129,7 +129,7 @@ def _send(pipe: IO[bytes], length: int, frame: Any) -> None:
 
 
 def _limit(memory: int) -> None:
-    """Bound the address space of this process, where the system can."""
+    """Limit the address space of this process, if the system supports it."""
     if sys.platform == "win32":
         return
     import resource

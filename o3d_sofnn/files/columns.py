@@ -1,4 +1,4 @@
-"""What a point file holds, put together from columns under the names that programs give them."""
+"""Contents of a point file, assembled from columns with the names that programs use."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ class PointFile:
     Attributes
     ----------
     points : numpy.ndarray, shape (n, 3), float64
-        Coordinates in the file's unit; NaN and infinity as the file has them.
+        Coordinates in the file's unit, including NaN and infinity.
     normals : numpy.ndarray, shape (n, 3), float64, or None
-        Normals, when the file has them.
+        Normals, if the file has them.
     attributes : dict of str to numpy.ndarray, shape (n, k)
-        Everything else per point in its own number type; "colors" in floating point are shares of
-        full intensity, in integers levels of their type.
+        Everything else per point in its own number type; "colors" in floating point are fractions
+        of full intensity, integers are levels of their type.
     viewpoint : numpy.ndarray, shape (3,) or (n, 3), or None
-        Where the scanner stood, in the points' coordinates; one row a point for several scans.
+        Where the scanner stood, in the points' coordinates; one row per point for several scans.
     shape : (int, int) or None
         Rows and columns of the grid that the points come in, row by row.
     crs : str or None
         Coordinate reference system, as WKT or "EPSG:number".
     notes : tuple of str
-        One line for everything in the file that is not here, or not as the file has it.
+        One line for everything in the file that was left out or changed.
     """
 
     points: Array
@@ -80,11 +80,11 @@ _HARMONICS = (("f_dc_0", "f_dc_1", "f_dc_2"),)
 _CONSTANT_HARMONIC = 0.28209479177387814
 
 
-# Names that clouds keep for what is stored apart.
+# Reserved names of what is stored separately.
 _RESERVED = ("positions", "normals", "colors")
 
 
-# Rounding lets shares of full intensity stray a little out of 0 to 1.
+# Rounding may move fractions of full intensity slightly out of 0 to 1.
 _SHARE_SLACK = 0.01
 
 
@@ -98,10 +98,10 @@ def from_columns(
     path : pathlib.Path
         The file, for messages.
     columns : mapping of str to numpy.ndarray, shape (n,) or (n, k)
-        Equally long; coordinates, normals and colours are known by their names, in small or capital
-        letters. What is left becomes attributes.
+        Columns of equal length; coordinates, normals and colours are recognised by their names, in
+        lower or upper case. All others become attributes.
     notes : iterable of str
-        What the reader has to say already.
+        Notes of the reader.
     **rest
         ``viewpoint``, ``shape`` and ``crs`` of the result.
 
@@ -143,7 +143,7 @@ def as_rows(values: NDArray[Any]) -> Array:
 
 
 def storable(values: NDArray[Any]) -> NDArray[Any] | None:
-    """Return (n, k) values in the machine's byte order and a usual type; None for no numbers."""
+    """Return (n, k) values in native byte order and a common type; None if they are no numbers."""
     if values.dtype.kind not in "biuf" or values.ndim == 0:
         return None
     if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):
@@ -153,24 +153,24 @@ def storable(values: NDArray[Any]) -> NDArray[Any] | None:
 
 
 def has_coordinates(names: Iterable[str]) -> bool:
-    """Return whether three of ``names`` are known for coordinates."""
+    """Return whether three of ``names`` are known names of coordinates."""
     known = {name.lower() for name in names}
     return any(known >= set(wanted) for wanted in _COORDINATES)
 
 
 def as_viewpoint(place: ArrayLike) -> Array | None:
-    """Return the place of a scanner; None for the origin, which stands for no place."""
+    """Return the position of a scanner; None for the origin, which means unknown."""
     position = np.asarray(place, dtype=np.float64)
     return position if position.any() and np.isfinite(position).all() else None
 
 
 def free_name(name: str, taken: Iterable[str]) -> str:
-    """Return a name for an attribute, other than those taken and those of what is stored apart."""
+    """Return a name for an attribute that is neither taken nor reserved."""
     return unique_names([*_RESERVED, *taken, name])[-1]
 
 
 def unique_names(names: Iterable[str]) -> list[str]:
-    """Return ``names`` with numbers behind those that occur again."""
+    """Return ``names`` with numbers appended to repeated ones."""
     taken: list[str] = []
     for name in names:
         kept, number = name, 1
@@ -182,10 +182,10 @@ def unique_names(names: Iterable[str]) -> list[str]:
 
 
 def color_levels_of(values: NDArray[Any]) -> NDArray[Any] | None:
-    """Return colours as their type says them, or as their values do; None where neither fits.
+    """Return colours according to their type or their values; None if neither fits.
 
-    Integers wider than 8 bits, and whole numbers in floating point, with no value above 255 are
-    levels of 8 bits: programs write those into columns of any type.
+    Integers wider than 8 bits, and whole numbers in floating point, are levels of 8 bits if no
+    value is above 255: programs write those into columns of any type.
     """
     if values.dtype == np.uint8 or values.size == 0:
         return values
@@ -221,7 +221,7 @@ def _add_colors(
 def _find(
     columns: Mapping[str, NDArray[Any]], known: Iterable[tuple[str, str, str]]
 ) -> list[str] | None:
-    """Return the names of the first three columns that are known under one of these names."""
+    """Return the names of the first three columns that have one of these triples of names."""
     names = {
         name.lower(): name
         for name, values in columns.items()

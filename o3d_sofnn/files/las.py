@@ -1,7 +1,7 @@
 """LAS, LAZ and COPC through laspy, in double precision.
 
-laspy believes every number in a header: what they say is checked against the file's length first.
-lazrs, which unpacks LAZ, may crash or ask for any memory: it runs in a process of its own.
+laspy trusts every number in a header, so these are checked against the file's length first.
+lazrs, which unpacks LAZ, may crash or allocate any amount of memory: it runs in a separate process.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _COLORS = ("red", "green", "blue")
 _WKT, _GEO_KEYS = 2112, 34735
 
 
-# GeoTIFF keys of the coordinate system of the plane, and of that of the globe.
+# GeoTIFF keys of projected and of geographic coordinate systems.
 _EPSG_KEYS = (3072, 2048)
 
 
@@ -62,7 +62,7 @@ def read_las(path: Path) -> PointFile:
     Raises
     ------
     OSError
-        As of opening a file.
+        The file cannot be opened.
     ValueError
         The file is not LAS or LAZ, or cut short.
     ImportError
@@ -76,7 +76,7 @@ def read_las(path: Path) -> PointFile:
 
 
 def is_las(path: Path) -> bool:
-    """Return whether a file begins as LAS and LAZ do."""
+    """Return whether a file begins like LAS and LAZ."""
     try:
         with open_regular(path) as stream:
             return stream.read(4) == b"LASF"
@@ -104,17 +104,17 @@ def write_las(
         True for LAZ.
     template : pathlib.Path or None
         A LAS or LAZ file with the same points in the same order: everything in it (scale, offset,
-        coordinate system, all dimensions) is kept, but for the index of COPC. None writes LAS 1.4
-        with coordinates rounded to the finest power of ten that 32 bits hold over the extent.
+        coordinate system, all dimensions) is kept, except the index of COPC. None writes LAS 1.4
+        with coordinates rounded to the finest power of ten with which 32 bits cover the extent.
     extra : mapping of str to numpy.ndarray, shape (n, 1)
-        Further numbers per point: extra dimensions of their type, under names that are free.
+        Further numbers per point, written as extra dimensions of their type, under unused names.
     crs : str, optional
-        Coordinate system, for a template without one too.
+        Coordinate system; also used for a template without one.
 
     Raises
     ------
     ValueError
-        Coordinates that are not finite, or another number of points than in ``template``.
+        Coordinates are not finite, or ``template`` has a different number of points.
     ImportError
         laspy is not installed.
     """
@@ -139,9 +139,9 @@ def check_las(
     Parameters
     ----------
     points : numpy.ndarray, shape (n, 3)
-        What is going to be written.
+        The points to be written.
     compress, template
-        As of :func:`write_las`.
+        As in :func:`write_las`.
     extra : mapping of str to numpy.ndarray, shape (1, 1)
         The same with one row.
     """
@@ -164,14 +164,14 @@ def _write(
     extra: Mapping[str, NDArray[Any]],
 ) -> None:
     laspy = _import_laspy()
-    # LAS has no dimension of yes and no.
+    # LAS has no Boolean dimensions.
     types = {name: v.dtype if v.dtype.kind in "iuf" else "u1" for name, v in extra.items()}
     data.add_extra_dims([laspy.ExtraBytesParams(name, kind) for name, kind in types.items()])
     for name, values in extra.items():
         data[name] = values[:, 0]
     if normals is not None:
         kinds = {d.name: d.dtype for d in data.point_format.extra_dimensions}
-        # A dimension of whole numbers would round normals to nothing.
+        # A dimension of integers would round normals to zero.
         data.remove_extra_dims([n for n in _NORMALS if n in kinds and kinds[n].kind != "f"])
         kept = set(data.point_format.dimension_names)
         data.add_extra_dims([laspy.ExtraBytesParams(n, "f8") for n in _NORMALS if n not in kept])
@@ -179,7 +179,7 @@ def _write(
             data[name] = values
     if data.header.version.minor == 0:  # laspy writes from 1.1 on, which differs in names alone
         data.header.version = laspy.header.Version.from_str("1.1")
-    # What is written has no octree in its order.
+    # The written points are not in the order of an octree.
     for records in (data.header.vlrs, data.header.evlrs or []):
         records[:] = [record for record in records if record.user_id != "copc"]
     # In memory first: on a full disk the compressor would hide the reason.
@@ -248,7 +248,7 @@ def _read_header(stream: BinaryIO, path: Path) -> tuple[las_layout.Layout, Any]:
 
 
 def _crs(header: Any) -> str | None:
-    """Return the coordinate system as WKT, or as the number of EPSG from GeoTIFF keys."""
+    """Return the coordinate system as WKT, or as an EPSG number from GeoTIFF keys."""
     records = [*header.vlrs, *(header.evlrs or [])]
     records = [record for record in records if record.user_id == "LASF_Projection"]
     for record in records:
@@ -276,7 +276,7 @@ def _add_crs(header: Any, crs: str) -> None:
 
 @contextlib.contextmanager
 def _laspy_errors(path: Path, what: str = "readable as LAS or LAZ") -> Iterator[None]:
-    """Let whatever laspy raises over a header be one kind of error."""
+    """Convert all exceptions that laspy raises for a header to ``ValueError``."""
     try:
         yield
     except (OSError, MemoryError, ImportError):
@@ -292,7 +292,7 @@ def _import_laspy() -> Any:
         raise ImportError(
             'LAS and LAZ files need laspy; type: pip install "laspy[lazrs]"'
         ) from error
-    # Unless somebody listens, what it logs would go to the screen.
+    # Without a handler, its log messages would go to the screen.
     logger = logging.getLogger("laspy")
     if not logger.handlers:
         logger.addHandler(logging.NullHandler())

@@ -1,4 +1,4 @@
-"""Where a LAS or LAZ file has its points, and that it has room for them."""
+"""Position of the points in a LAS or LAZ file, checked against the file's length."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ _BLOCK = 2**16
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the points are.
+    """Position of the points in a file.
 
     Attributes
     ----------
     offset : int
-        In bytes.
+        Offset of the first point, in bytes.
     count : int
-        Points.
+        Number of points.
     record : int
-        Bytes of a point.
+        Bytes per point.
     packing : bytes or None
-        How LAZ packs them.
+        Record that describes how LAZ packs them.
     """
 
     offset: int
@@ -48,7 +48,7 @@ class Layout:
 
 
 def read_layout(stream: BinaryIO, path: Path) -> Layout:
-    """Read the numbers in the header that say where to read on, and check them."""
+    """Read and check the numbers in the header that locate the points."""
 
     def fault(text: str) -> ValueError:
         return ValueError(f"{path}: not readable as LAS or LAZ: {text}")
@@ -86,7 +86,7 @@ def read_layout(stream: BinaryIO, path: Path) -> Layout:
 def _read_vlrs(
     stream: BinaryIO, start: int, end: int, count: int
 ) -> dict[tuple[bytes, int], bytes] | None:
-    """Return the records between two offsets under their names; None if they do not fit."""
+    """Return the records between two offsets by name; None if they do not fit."""
     stream.seek(start)
     data = stream.read(end - start)
     found: dict[tuple[bytes, int], bytes] = {}
@@ -114,7 +114,7 @@ def _have_room(stream: BinaryIO, start: int, end: int, count: int) -> bool:
 
 
 def frames(path: str) -> Iterator[bytes]:
-    """Yield the unpacked records of a LAZ file, in the process of its own."""
+    """Yield the unpacked records of a LAZ file; this runs in the separate process."""
     import lazrs
 
     with open_regular(Path(path)) as stream:

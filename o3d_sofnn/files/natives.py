@@ -1,4 +1,4 @@
-"""E57 through pye57 and FBX through Open3D, in processes of their own: C++ that files can crash."""
+"""E57 through pye57 and FBX through Open3D, in separate processes: files can crash their C++."""
 
 from __future__ import annotations
 
@@ -47,14 +47,14 @@ _BLOCK = 2**18
 
 
 def read_e57(path: Path) -> PointFile:
-    """Read the points of all scans in the coordinates of the file, with the place of each scanner.
+    """Read the points of all scans in the coordinates of the file, with the scanners' positions.
 
     Raises
     ------
     OSError
-        As of opening a file.
+        The file cannot be opened.
     ValueError
-        No E57, or damaged.
+        The file is not E57, or damaged.
     ImportError
         pye57 is missing; the message says what to type.
     """
@@ -87,9 +87,9 @@ def read_e57(path: Path) -> PointFile:
 
 
 def _seen_from(places: list[list[float] | None], counts: list[int]) -> Array | None:
-    """Return the places of the scanners; None if one is not known, or all are the origin.
+    """Return the positions of the scanners; None if one is unknown, or all are the origin.
 
-    Programs that merge scans write the origin for a place that they do not know.
+    Programs that merge scans write the origin for an unknown position.
     """
     known = [place for place in places if place is not None]
     if len(known) < len(places) or not np.any(known) or not np.isfinite(known).all():
@@ -130,12 +130,12 @@ def _turn(quaternion: list[float]) -> Array:
 
 
 def read_fbx(path: Path) -> PointFile:
-    """Read the vertices with what Open3D reads of them.
+    """Read the vertices, with the attributes that Open3D reads.
 
     Raises
     ------
     OSError
-        As of opening a file.
+        The file cannot be opened.
     ValueError
         Open3D cannot read it.
     ImportError
@@ -156,7 +156,7 @@ def read_fbx_mesh(path: Path) -> tuple[Array, Triangles]:
 
 
 def _received(path: Path) -> Iterator[tuple[dict[str, Any], dict[str, NDArray[Any]]]]:
-    """Yield what the other process sends: a dictionary and the arrays that it names."""
+    """Yield what the other process sends: a dictionary, and the arrays named in it."""
     with open_regular(path):
         pass
     incoming = child.run(__name__, path)
@@ -167,7 +167,7 @@ def _received(path: Path) -> Iterator[tuple[dict[str, Any], dict[str, NDArray[An
 
 
 def frames(path: str) -> Iterator[bytes]:
-    """Yield a dictionary as JSON and the bytes of its arrays, in the other process."""
+    """Yield a dictionary as JSON, and the bytes of its arrays; runs in the other process."""
     parts = _read_fbx(path) if path.lower().endswith(".fbx") else _read_e57(path)
     for meta, arrays in parts:
         meta["arrays"] = [(name, values.dtype.str) for name, values in arrays.items()]

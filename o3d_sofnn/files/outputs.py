@@ -1,4 +1,4 @@
-"""Output files: checked before the work, written whole or not at all."""
+"""Output files: they are checked before the work, and written whole or not at all."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import BinaryIO
 
 
 def check_ending(path: Path, endings: Collection[str]) -> str:
-    """Return the ending of a file in small letters; ``ValueError`` if it is none of ``endings``."""
+    """Return a file's extension in lower case; ``ValueError`` if it is not in ``endings``."""
     suffix = path.suffix.lower()
     if suffix not in endings:
         known = " ".join(sorted(endings))
@@ -21,21 +21,21 @@ def check_ending(path: Path, endings: Collection[str]) -> str:
 
 
 def check_output(path: str | os.PathLike[str], endings: Collection[str]) -> None:
-    """Raise what writing to ``path`` would raise, before the work of hours is done.
+    """Raise what writing to ``path`` would raise, before hours of work are done.
 
     Parameters
     ----------
     path : path-like
         The file to be written.
     endings : collection of str
-        The endings that are allowed, ``CLOUD_OUTPUTS`` or ``MESH_OUTPUTS``; empty allows any.
+        Allowed extensions, ``CLOUD_OUTPUTS`` or ``MESH_OUTPUTS``; empty allows any.
 
     Raises
     ------
     OSError
         The folder is missing or not writable.
     ValueError
-        An ending that is not allowed, or ``path`` is no regular file.
+        The extension is not allowed, or ``path`` is not a regular file.
     """
     path = Path(path)
     if endings:
@@ -53,7 +53,7 @@ def check_output(path: str | os.PathLike[str], endings: Collection[str]) -> None
 def check_different(
     inputs: Iterable[str | os.PathLike[str]], outputs: Iterable[str | os.PathLike[str]]
 ) -> None:
-    """Raise ``ValueError`` when an output is an input or another output, under whatever name."""
+    """Raise ``ValueError`` if an output is also an input or another output, under any name."""
     named = {_identity(Path(each)): each for each in inputs}
     for output in outputs:
         other = named.setdefault(_identity(Path(output)), output)
@@ -62,7 +62,7 @@ def check_different(
 
 
 def _identity(path: Path) -> tuple[int, int] | str:
-    """Return what is the same for all names of a file."""
+    """Return an identity that is the same for all names of a file."""
     try:
         found = path.stat()
     except (OSError, ValueError):  # not there
@@ -74,8 +74,8 @@ def _identity(path: Path) -> tuple[int, int] | str:
 def open_atomic(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """Open a binary stream whose contents appear at ``path`` when the block ends without error.
 
-    Written under a temporary name in the same folder, flushed to the disk, then renamed. Whatever
-    ends the block early, Ctrl-C included, removes the temporary file and leaves ``path`` alone.
+    The file is written under a temporary name in the same folder, flushed to disk, then renamed. If
+    the block ends early, also by Ctrl-C, the temporary file is removed and ``path`` is unchanged.
 
     Parameters
     ----------
@@ -85,19 +85,19 @@ def open_atomic(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     Yields
     ------
     binary stream
-        For writing; seekable.
+        A seekable stream for writing.
 
     Raises
     ------
     OSError
         The folder is missing or not writable, or the disk is full.
     ValueError
-        ``path`` exists and is no regular file.
+        ``path`` exists and is not a regular file.
     """
     target = _target(Path(path))
     name = _name_beside(target)
     try:
-        # Created here: whenever a signal comes, there is a name to remove.
+        # Created here, so that there is a name to remove whenever a signal arrives.
         with _create(name, target) as stream:
             yield stream
             stream.flush()
@@ -111,7 +111,7 @@ def open_atomic(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
 
 def _target(path: Path) -> Path:
-    """Follow links, and refuse what a rename would destroy (a device, a folder)."""
+    """Follow links, and reject what a rename would destroy (a device, a folder)."""
     target = Path(os.path.realpath(path))
     if target.exists() and not target.is_file():
         kind = "a folder" if target.is_dir() else "a device or pipe"
@@ -120,12 +120,12 @@ def _target(path: Path) -> Path:
 
 
 def _name_beside(target: Path) -> Path:
-    """Return a name that nobody has, hidden, in the folder of ``target``; short as folders ask."""
+    """Return an unused, hidden, sufficiently short name in the folder of ``target``."""
     return target.with_name(f".o3d-sofnn-{secrets.token_hex(8)}.part")
 
 
 def _create(name: Path, target: Path) -> BinaryIO:
-    """Create the file ``name`` with the rights that ``target`` has."""
+    """Create the file ``name`` with the permissions of ``target``."""
     try:
         stream = name.open("x+b")
     except OSError as error:
@@ -142,6 +142,6 @@ def _remove(name: Path) -> None:
 
 
 def _rename_in_message(error: OSError, target: Path) -> None:
-    """Let the message name the file that the user asked for, not the temporary one or none."""
+    """Make the message name the file that the user asked for, not the temporary one or none."""
     error.filename = str(target)
     del error.filename2  # None would be a second name

@@ -1,4 +1,4 @@
-"""Files: read a cloud of any format in its own precision, write whole or not at all."""
+"""Files: clouds of any format are read in their own precision, and written whole or not at all."""
 
 from __future__ import annotations
 
@@ -39,24 +39,24 @@ def read_points(path: str | os.PathLike[str], ending: str | None = None) -> Poin
     Parameters
     ----------
     path : path-like
-        The file; its ending says the format. Of a mesh file the vertices are taken.
+        The file; its extension determines the format. Of a mesh file, the vertices are read.
     ending : str, optional
-        Read as if the file had this ending (``.xyz``).
+        Read the file as if it had this extension (``.xyz``).
 
     Returns
     -------
     PointFile
-        Arrays, where the scanner stood, and ``notes`` on what is not as in the file. A coordinate
-        system may be beside the file, with the ending .prj.
+        Arrays, the scanner's position, and ``notes`` on what differs from the file. The coordinate
+        system may be in a file beside it, with the extension .prj.
 
     Raises
     ------
     OSError
-        No such file, a folder, no permission.
+        The file does not exist, is a folder, or may not be read.
     ValueError
-        An ending that is not known, or contents that cannot be read to the end.
+        The extension is unknown, or contents that cannot be read to the end.
     ImportError
-        What the format needs is missing; the message says what to type.
+        A package for the format is missing; the message says what to type.
     """
     path = Path(path)
     if ending is None:
@@ -72,23 +72,23 @@ def read_points(path: str | os.PathLike[str], ending: str | None = None) -> Poin
 
 
 def read_point_cloud(path: str | os.PathLike[str]) -> Any:
-    """Read points of any known format as :func:`read_points`, as a cloud of Open3D.
+    """Read points of any known format, like :func:`read_points`, as a cloud of Open3D.
 
     Parameters
     ----------
     path : path-like
-        The file; its ending says the format. Of a mesh file the vertices are taken.
+        The file; its extension determines the format. Of a mesh file, the vertices are read.
 
     Returns
     -------
     open3d.t.geometry.PointCloud
-        In double precision where the file has it, with every attribute per point that the file
-        has. What it lacks of the file is logged.
+        Cloud in double precision if the file has it, with every attribute per point of the file.
+        What is left out is logged.
 
     Raises
     ------
     OSError, ValueError, ImportError
-        As of :func:`read_points`; also when Open3D is missing.
+        As in :func:`read_points`; also when Open3D is missing.
     """
     file = read_points(path)
     for note in file.notes:
@@ -97,7 +97,7 @@ def read_point_cloud(path: str | os.PathLike[str]) -> Any:
 
 
 def as_cloud(file: PointFile) -> adapters.CloudArrays:
-    """Return the points, normals and attributes of a file alone."""
+    """Return only the points, normals and attributes of a file."""
     return adapters.CloudArrays(file.points, file.normals, file.attributes)
 
 
@@ -121,21 +121,21 @@ def write_point_cloud(
     template : path-like, optional
         The file that ``pcd`` was read from: a LAS or LAZ output then keeps what only such a file
         holds (scale, offset, coordinate system). Ignored unless both are LAS or LAZ; the template
-        may have any ending.
+        may have any extension.
     extra : mapping of str to numpy.ndarray, shape (n,), optional
-        Further numbers per point, under their names: properties of PLY, arrays of NPZ, extra bytes
-        of LAS and LAZ. A name that the points have already gets a number; what a format cannot
-        hold is logged.
+        Further numbers per point, by name: properties of PLY, arrays of NPZ, extra bytes of LAS and
+        LAZ. A number is appended to names that the points already have; what a format cannot hold
+        is logged.
     crs : str, optional
-        Coordinate system, as of :class:`PointFile`: LAS and LAZ hold it (that of ``template`` is
-        kept), for other formats it is written beside ``path``, with the ending .prj.
+        Coordinate system, as in :class:`PointFile`: LAS and LAZ contain it (the ``template``'s
+        is kept); for other formats it is written beside ``path``, with the extension .prj.
 
     Raises
     ------
     OSError
         The disk is full, the folder is missing or read-only; ``path`` is then as before.
     ValueError
-        An ending that is not known, or a cloud that the format cannot hold.
+        The extension is unknown, or a cloud that the format cannot hold.
     """
     path = Path(path)
     suffix = check_ending(path, CLOUD_OUTPUTS)
@@ -170,21 +170,21 @@ def write_triangle_mesh(
     Parameters
     ----------
     path : path-like
-        .ply, .obj and .off keep every digit; .glb is single precision about a local origin; .stl is
-        single precision without colours.
+        .ply, .obj and .off keep every digit; .glb has single precision relative to a local origin;
+        .stl has single precision and no colours.
     mesh : open3d.geometry.TriangleMesh or open3d.t.geometry.TriangleMesh
         The mesh.
     extra : mapping of str to numpy.ndarray, shape (m,), optional
-        Further numbers per vertex, as of :func:`write_point_cloud`.
+        Further numbers per vertex, as in :func:`write_point_cloud`.
     crs : str, optional
-        Coordinate system, written beside ``path`` with the ending .prj.
+        Coordinate system, written beside ``path`` with the extension .prj.
 
     Raises
     ------
     OSError
         The disk is full, the folder is missing or read-only; ``path`` is then as before.
     ValueError
-        An ending that is not known.
+        The extension is unknown.
     """
     path = Path(path)
     suffix = check_ending(path, MESH_OUTPUTS)
@@ -211,16 +211,16 @@ def check_contents(
     path : path-like
         The file to be written.
     file : PointFile
-        What is going to be written there, with normals.
+        The contents to be written there, with normals.
     template : path-like, optional
-        As of :func:`write_point_cloud`.
+        As in :func:`write_point_cloud`.
     extra : collection of str, default ()
         Names of further numbers per point.
 
     Raises
     ------
     ValueError
-        The format cannot hold the points, or not what else is in ``template``.
+        The format cannot hold the points or the other contents of ``template``.
     ImportError
         laspy is needed and missing.
     """
@@ -233,7 +233,7 @@ def check_contents(
 
 
 def _las_template(path: Path, template: str | os.PathLike[str] | None) -> Path | None:
-    """Return ``template`` where ``path`` can keep what only LAS holds."""
+    """Return ``template`` if ``path`` can keep what only LAS holds."""
     if template is None or path.suffix.lower() not in las.FORMATS:
         return None
     template = Path(template)

@@ -1,4 +1,4 @@
-"""What reads which file: by its ending, with messages that name it."""
+"""Choice of a reader by a file's extension; messages name the file."""
 
 from __future__ import annotations
 
@@ -50,25 +50,25 @@ FORMATS = frozenset(_READERS)
 
 
 def read(path: Path, ending: str) -> PointFile:
-    """Return the contents of a file in the format of an ending in ``FORMATS``.
+    """Return the contents of a file in the format of an extension in ``FORMATS``.
 
     Raises
     ------
     OSError, ValueError, ImportError
-        As of the reader; the message names the file.
+        As raised by the reader; the message names the file.
     """
     return _guarded(_READERS[ending], path)
 
 
 def read_triangles(path: Path) -> tuple[Array, Triangles]:
-    """Return the (m, 3) vertices and (f, 3) triangles of a mesh file; no triangles of a cloud.
+    """Return the (m, 3) vertices and (f, 3) triangles of a mesh file; a cloud has no triangles.
 
-    Vertices that are repeated for every triangle are joined.
+    Vertices that are repeated for every triangle are merged.
 
     Raises
     ------
     OSError, ValueError, ImportError
-        As of the reader; the message names the file.
+        As raised by the reader; the message names the file.
     """
     points, corners = _guarded(_MESH_READERS[path.suffix.lower()], path)
     kept, index = triangles.join_vertices(points)
@@ -76,7 +76,7 @@ def read_triangles(path: Path) -> tuple[Array, Triangles]:
 
 
 def _guarded(reader: Callable[[Path], _Result], path: Path) -> _Result:
-    """Read without warnings about numbers that are not finite; every message names the file."""
+    """Read without warnings about non-finite numbers; every message names the file."""
     try:
         with np.errstate(all="ignore"):
             return reader(path)

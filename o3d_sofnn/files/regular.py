@@ -28,9 +28,9 @@ def open_regular(path: Path) -> BinaryIO:
     Raises
     ------
     OSError
-        No such file, a folder, no permission.
+        The file does not exist, is a folder, or may not be read.
     NotRegularError
-        A device, a pipe or a socket: reading it could wait, or go on, for ever.
+        The path is a device, a pipe or a socket: reading it might never end.
     """
     # Without O_NONBLOCK, opening a pipe already waits for somebody who writes into it.
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
@@ -58,7 +58,7 @@ def read_records(stream: BinaryIO, path: Path, count: int, size: int) -> bytes:
     Raises
     ------
     ValueError
-        The file has no room for them.
+        The file is too short for them.
     """
     data = stream.read(count * size) if count * size <= bytes_left(stream) else b""
     if len(data) < count * size:

@@ -1,4 +1,4 @@
-"""Coordinate systems beside files that have no place for them: ``scan.prj`` for ``scan.ply``."""
+"""Coordinate systems beside files that cannot contain them: ``scan.prj`` for ``scan.ply``."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ _WKT = re.compile(r"\s*[A-Z_]+(CS|CRS|CRD|COORDSYS)\s*\[", re.ASCII)
 
 
 def place_of(path: str | os.PathLike[str]) -> Path:
-    """Return the name of the file that says in which system the coordinates of ``path`` are."""
+    """Return the name of the file with the coordinate system of ``path``."""
     return Path(path).with_suffix(".prj")
 
 
 def read(path: Path) -> tuple[str | None, tuple[str, ...]]:
-    """Return the coordinate system beside a file, and a note on what is there and is none."""
+    """Return the coordinate system beside a file, and a note if there is something else."""
     place = place_of(path)
     if not os.path.isfile(place):
         return None, ()
@@ -57,7 +57,7 @@ def as_wkt(crs: str) -> str | None:
 
 
 def not_kept(crs: str) -> str:
-    """Return what to say of a coordinate system that has no well-known text."""
+    """Return the message about a coordinate system without well-known text."""
     reason = "for its text type: pip install pyproj"
     if _import_pyproj() is not None:
         reason = "pyproj does not know it"
@@ -80,16 +80,16 @@ def check(path: Path, crs: str | None, others: Iterable[str | os.PathLike[str]])
     path : pathlib.Path
         The output.
     crs : str or None
-        Its coordinate system; None where it has none.
+        Coordinate system of the output; None if it has none.
     others : iterable of path-like
-        Files that must stay.
+        Files that must not be overwritten.
 
     Raises
     ------
     ValueError
-        What is there says something else, or is one of ``others``.
+        A different file is already there, or it is one of ``others``.
     OSError
-        It cannot be written.
+        The file cannot be written.
     """
     place = place_of(path)
     if crs is None:
@@ -104,7 +104,7 @@ def check(path: Path, crs: str | None, others: Iterable[str | os.PathLike[str]])
 
 
 def write(path: Path, crs: str) -> None:
-    """Write the coordinate system of ``path`` beside it; log it where it cannot be written."""
+    """Write the coordinate system of ``path`` beside it; log it if it cannot be written."""
     text = as_wkt(crs)
     if text is None:
         _logger.warning("%s: %s", path, not_kept(crs))

@@ -1,4 +1,4 @@
-"""Faces as files have them, made triangles of an indexed mesh."""
+"""Conversion of the faces in files to the triangles of an indexed mesh."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ Triangles = NDArray[np.int64]
 
 
 def from_polygons(counts: NDArray[Any], corners: NDArray[Any]) -> Triangles:
-    """Return fans over polygons; what has less than three corners is no face.
+    """Divide polygons into fans of triangles; polygons with fewer than three corners are skipped.
 
     Parameters
     ----------
     counts : numpy.ndarray, shape (f,)
-        Corners of each polygon.
+        Number of corners of each polygon.
     corners : numpy.ndarray, shape (sum of counts,)
-        Their vertices, one polygon after the other.
+        Vertex indices, one polygon after the other.
 
     Returns
     -------
     numpy.ndarray, shape (t, 3)
-        In the order of the polygons.
+        Triangles in the order of the polygons.
     """
     counts = np.asarray(counts, dtype=np.int64)
     corners = np.asarray(corners, dtype=np.int64)
@@ -38,12 +38,12 @@ def from_polygons(counts: NDArray[Any], corners: NDArray[Any]) -> Triangles:
 
 
 def checked(triangles: NDArray[Any], count: int, path: Path) -> Triangles:
-    """Return triangles whose corners are among ``count`` vertices.
+    """Return the triangles after checking that their corners are among ``count`` vertices.
 
     Raises
     ------
     ValueError
-        A corner is none of them.
+        A corner is not one of them.
     """
     if triangles.size and (triangles.min() < 0 or triangles.max() >= count):
         raise ValueError(f"{path}: expected faces of its {count} vertices, got others")
@@ -51,7 +51,7 @@ def checked(triangles: NDArray[Any], count: int, path: Path) -> Triangles:
 
 
 def join_vertices(points: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the first of all equal points, in their order, and the index of each point there.
+    """Return the first of each group of equal points, in order, and the group of each point.
 
     Returns
     -------

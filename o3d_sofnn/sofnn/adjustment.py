@@ -91,10 +91,10 @@ def solve_consequents(neurons: Neurons, x: Array, y: Array, noise: float = 0.0) 
 
 @dataclass(frozen=True)
 class Reduced:
-    """Rules with the consequents of least squared error, and what error is left.
+    """Rules with the consequents of least squared error, and the remaining error.
 
-    At the best consequents the derivative by them is zero, so the error can be seen as one of
-    centres and widths alone (variable projection, Golub and Pereyra 1973).
+    At the best consequents, the derivative with respect to them is zero, so the error is a function
+    of centres and widths alone (variable projection, Golub and Pereyra 1973).
 
     Attributes
     ----------
@@ -134,14 +134,15 @@ class Reduced:
         return cls(solved, error, residual, u, basis, columns, solve)
 
     def derivatives(self) -> tuple[Array, Array]:
-        """Differentiate by centres, in widths, and logarithms of widths, the consequents following.
+        """Differentiate with respect to centres (in widths) and logarithms of widths.
 
         Returns
         -------
         jacobian : (m * n, 2 * M * d) array
-            Of the residual, one output after the other (Kaufman's approximation, 1975).
+            Derivatives of the residual, with the consequents solved for, one output after the other
+            (Kaufman's approximation, 1975).
         gradient : (2 * M * d,) array
-            Of the error, exact but for the ridge.
+            Gradient of the error, exact except for the ridge.
         """
         blocks = []
         gradient = np.zeros(2 * self.neurons.centers.size)
@@ -158,9 +159,9 @@ def adjust(neurons: Neurons, x: Array, y: Array, noise: float, max_iter: int) ->
     """Adjust centres, widths and consequents by the gradient of the squared error.
 
     Damped Gauss-Newton steps (Levenberg 1944) on centres and logarithms of widths, each of one
-    width at most, consequents solved at every step. A step that does not lower the error is
-    taken back. Centres stay inside the box of the data. With noise, the steps have a price
-    (the maximum a posteriori one), so that rules do not run after it.
+    width at most; the consequents are solved for at every step. A step that does not lower the
+    error is undone. Centres stay inside the box of the data. With noise, the steps are penalised
+    (maximum a posteriori estimate), so that rules do not fit it.
 
     Parameters
     ----------

@@ -34,11 +34,11 @@ class SOFNN(Regressor):
         Accommodation boundary: smallest distance of a new neuron to the others, in standard
         deviations of the inputs.
     overlap : float, default 1.1
-        Width of a new neuron over its distance to the nearest one: `k` of equation (10),
+        Width of a new neuron divided by its distance to the nearest one: `k` of equation (10),
         in [1.06, 1.2].
     similarity : float, default 0.8
-        Similarity of membership functions, in [0, 1], from which neurons may be combined; they
-        are where the data do not tell them apart.
+        Similarity of membership functions, in [0, 1], above which neurons may be combined; they
+        are combined if the data do not distinguish them.
     n_typical : int or None, default None
         Number of typical data; None takes a third of the rows, at most 200.
     fuzziness : float, default 2.0
@@ -51,7 +51,7 @@ class SOFNN(Regressor):
     adjust_steps : int, default 200
         Gradient steps of the last off-line adjustment.
     memory : int, default 1000
-        Observations on-line learning keeps to adjust centres and widths on.
+        Number of observations that on-line learning keeps to adjust centres and widths on.
     random_state : int, default 0
         Seed; equal data and seed give equal rules.
 
@@ -60,7 +60,7 @@ class SOFNN(Regressor):
     centers_ : (M, d) array
         Centres of the membership functions, in the units of the inputs.
     widths_ : (M, d) array
-        Their standard deviations.
+        Standard deviations of the membership functions.
     theta_ : (m, M) array
         Consequents, the adjustable parameter matrix of equation (8).
     slopes_ : (m, M, d) array or None
@@ -122,7 +122,7 @@ class SOFNN(Regressor):
 
     @on_one_thread
     def fit(self, X: ArrayLike, y: ArrayLike) -> SOFNN:
-        """Learn off-line from inputs `X` (n, d) and outputs `y` (n,) or (n, m); forget the past."""
+        """Learn off-line from inputs `X` (n, d) and outputs `y` (n,) or (n, m), from scratch."""
         self._check_parameters()
         x, wanted = self._check_data(X, y, first=True)
         options = self._options(x.shape[1])
@@ -136,7 +136,7 @@ class SOFNN(Regressor):
 
     @on_one_thread
     def partial_fit(self, X: ArrayLike, y: ArrayLike) -> SOFNN:
-        """Learn on-line, the rows of `X` (n, d) and `y` (n,) or (n, m) one after the other."""
+        """Learn on-line from the rows of `X` (n, d) and `y` (n,) or (n, m), one after the other."""
         self._check_parameters()
         first = not self.__sklearn_is_fitted__()
         x, wanted = self._check_data(X, y, first=first)
@@ -171,7 +171,7 @@ class SOFNN(Regressor):
         return firing_strength(self._check_inputs(X, first=False), self._neurons)
 
     def restore(self, neurons: Neurons) -> SOFNN:
-        """Take rules of one output as they were learned elsewhere."""
+        """Use rules of one output that were learned elsewhere."""
         self.n_features_in_, self.n_outputs_, self._flat = neurons.centers.shape[1], 1, True
         self.consequent = "constant" if len(neurons.coefficients) == 1 else "linear"
         self._neurons = neurons
@@ -239,7 +239,7 @@ class SOFNN(Regressor):
         return rules
 
     def __sklearn_is_fitted__(self) -> bool:
-        """Tell whether there are rules."""
+        """Return whether there are rules."""
         return hasattr(self, "_neurons")
 
     def _check_data(self, X: ArrayLike, y: ArrayLike, *, first: bool) -> tuple[Array, Array]:

@@ -59,8 +59,8 @@ def log_firing(u: Array) -> Array:
 def fuzzy_basis(log_strength: Array) -> Array:
     """Normalise firing strengths over the rules.
 
-    Subtracting the largest logarithm first keeps 0/0 out: far from all rules the relatively
-    nearest one answers.
+    Subtracting the largest logarithm first avoids 0/0: far from all rules, the relatively nearest
+    one determines the output.
     """
     basis: Array = np.exp(log_strength - log_strength.max(axis=1, keepdims=True))
     basis /= basis.sum(axis=1, keepdims=True)  # Eq. (9)
@@ -98,22 +98,22 @@ def firing_strength(x: Array, neurons: Neurons) -> Array:
 
 
 def sensitivity(u: Array, basis: Array, coefficients: Array) -> Array:
-    """Differentiate one output of the network by the premises of its rules.
+    """Differentiate one output of the network with respect to the premises of its rules.
 
     Parameters
     ----------
     u : (d, n, M) array
         Offsets of the data.
     basis : (n, M) array
-        Their fuzzy basis functions.
+        Fuzzy basis functions of the data.
     coefficients : (p, M) array
         Consequents of the output.
 
     Returns
     -------
     (n, 2 * M * d) array
-        Derivatives by the centres, in units of the widths, then by the logarithms of the
-        widths: rule by rule, dimension by dimension. Neither depends on the unit of the data.
+        Derivatives with respect to the centres, in units of the widths, then to the logarithms of
+        the widths: rule by rule, dimension by dimension. Neither depends on the unit of the data.
     """
     d, n, n_rules = u.shape
     alone = np.broadcast_to(coefficients[0], (n, n_rules)).copy()

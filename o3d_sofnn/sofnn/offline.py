@@ -44,7 +44,7 @@ _SIGNIFICANCE = 2.0
 _NOISE_REACH = 3.0
 
 
-# A root-mean-square error below this share of the tolerance is not worth a rule.
+# A root-mean-square error below this share of the tolerance does not justify a rule.
 _NEGLIGIBLE = 0.1
 
 
@@ -81,8 +81,8 @@ class TypicalData:
 def noise_level(x: Array, y: Array) -> float:
     """Estimate the standard deviation of the noise of `y`, summed over outputs.
 
-    The median error of predicting a row from a linear fit to its nearest neighbours, freed of
-    the error of the fit itself.
+    It is the median error of predicting a row from a linear fit to its nearest neighbours,
+    corrected for the error of the fit itself.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def noise_level(x: Array, y: Array) -> float:
     Returns
     -------
     float
-        Zero when there are too few rows to tell.
+        Standard deviation; zero if there are too few rows to estimate it.
     """
     n, d = x.shape
     n_neighbors = 2 * (d + 1) + 2
@@ -118,10 +118,10 @@ def noise_level(x: Array, y: Array) -> float:
 def typical_data(
     x: Array, y: Array, noise: float, options: LearningOptions, rng: np.random.Generator
 ) -> TypicalData:
-    """Cluster input-output pairs; the centres resolve conflicts and average noise out.
+    """Cluster input-output pairs; the centres resolve conflicts and average out noise.
 
-    The metric of equation (1) weighs outputs by the trust they deserve: with noise far above
-    the spacing of the centres, rows with equal inputs belong together whatever their outputs.
+    The metric of equation (1) weights outputs by their reliability: with noise far above the
+    spacing of the centres, rows with equal inputs belong together whatever their outputs.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def typical_data(
     Returns
     -------
     TypicalData
-        The data themselves where there are too few to be reduced.
+        Typical data, or the data themselves if they are too few to be reduced.
     """
     n, d = x.shape
     n_typical = options.n_typical or min(n // 3, _MOST_TYPICAL)
@@ -175,8 +175,8 @@ def learn(
 
     Neurons are generated on typical data with an accommodation boundary that is halved from
     level to level, so that narrow rules appear only where wide ones fail; after every level
-    the parameters are adjusted and similar neurons combined. The level
-    of least description length wins, so noise does not buy rules.
+    the parameters are adjusted and similar neurons combined. The level with the smallest
+    description length is chosen, so that noise does not create rules.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ def learn(
     neurons : Neurons
         Standardised rules.
     typical : TypicalData
-        What they were generated on.
+        Typical data that they were generated on.
     """
     n, d = x.shape
     noise = noise_level(x, y)

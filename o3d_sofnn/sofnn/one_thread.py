@@ -20,8 +20,8 @@ def _controller() -> Any:
 def on_one_thread(function: Function) -> Function:
     """Let `function` run with BLAS on one thread.
 
-    The order of BLAS's sums depends on its number of threads, so results would; and to wake
-    threads costs more than a product of matrices of a hundred rows.
+    The order of BLAS's sums, and so the result, depends on its number of threads; and waking
+    threads takes longer than a product of matrices with a hundred rows.
     """
 
     @wraps(function)

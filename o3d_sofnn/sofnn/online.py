@@ -27,11 +27,11 @@ _WIDEST_BOUNDARY = 1.0
 _BOUNDARY_DECAY = 0.93
 
 
-# Variance of a consequent nothing is known of, in units of the variance of one observation.
+# Variance of an unknown consequent, in units of the variance of one observation.
 _UNKNOWN = 100.0
 
 
-# The memory is worked through when the observations have grown by this factor.
+# The memory is reviewed when the number of observations has grown by this factor.
 _REVIEW_FACTOR = 1.25
 
 
@@ -41,16 +41,16 @@ _FIRST_REVIEW = 20
 _REVIEW_ITERATIONS = 20
 
 
-# It is worked through earlier where observations since the last time were wrong this often, but
-# not before they have grown by the smaller factor: what learning costs stays bounded.
+# It is reviewed earlier if this many observations since the last review had large errors, but not
+# before their number has grown by the smaller factor, so that the cost of learning stays bounded.
 _SURPRISES = 10
 
 
 _EARLY_REVIEW_FACTOR = 1.05
 
 
-# Nor is there any waiting where a new neuron, as wide as its distance to the others, multiplies
-# the squared error on the memory by more than this.
+# It is reviewed at once if a new neuron, as wide as its distance to the others, multiplies the
+# squared error on the memory by more than this.
 _HARM = 2.0
 
 
@@ -67,7 +67,7 @@ class OnlineState:
     x, y : Moments
         Mean and deviation of the inputs and outputs seen.
     hits : (M,) float64
-        Observations each rule was the nearest to.
+        Number of observations to which each rule was the nearest.
     covariance : (p * M, p * M) float64
         Covariance of the consequents, in units of the variance of one observation.
     memory_x, memory_y : (memory, d) and (memory, m) float64
@@ -75,11 +75,11 @@ class OnlineState:
     noise : float
         Noise of the outputs, in standardised units.
     next_review : int
-        Number of observations at which the memory is worked through again.
+        Number of observations at which the memory is reviewed next.
     early_review : int
-        The same if the rules are often wrong before.
+        The same if the rules are often wrong before that.
     surprises : int
-        Observations since the last review whose error was above the tolerance.
+        Number of observations since the last review with an error above the tolerance.
     """
 
     x: Moments
@@ -94,7 +94,7 @@ class OnlineState:
     surprises: int = 0
 
     def remember(self, x: Array, y: Array, rng: np.random.Generator) -> None:
-        """Take an observation into the moments and, with its fair chance, into the memory."""
+        """Add an observation to the moments and, with its fair chance, to the memory."""
         self.x.add(x)
         self.y.add(y)
         place = self.x.count - 1
@@ -113,7 +113,7 @@ class OnlineState:
 def first_state(
     neurons: Neurons, x: Array, y: Array, options: LearningOptions, rng: np.random.Generator
 ) -> OnlineState:
-    """Prepare to go on after rules were learnt from the rows of `x` and `y`."""
+    """Prepare on-line learning after rules were learned from the rows of `x` and `y`."""
     rows = rng.choice(len(x), min(len(x), options.memory), replace=False)
     memory_x = np.zeros((options.memory, x.shape[1]))
     memory_y = np.zeros((options.memory, y.shape[1]))
@@ -254,7 +254,7 @@ def _review(
 
 
 def _take_stock(state: OnlineState, neurons: Neurons, samples: tuple[Array, Array]) -> None:
-    """Count hits and the covariance of the consequents of standardised rules afresh."""
+    """Compute the hits and the covariance of the consequents of standardised rules again."""
     gram, _ = normal_equations(neurons, *samples)
     state.covariance = np.asarray(np.linalg.inv(gram + np.eye(len(gram)) / _UNKNOWN), np.float64)
     gap = np.sum((samples[0][:, None] - neurons.centers) ** 2, axis=2)

@@ -1,4 +1,4 @@
-"""Rules of a network as a text file that people can read."""
+"""Rules of a network in a human-readable text file."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def write_rules(network: SOFNN, file: Path, about: dict[str, object]) -> None:
     network : SOFNN
         Fitted with named inputs.
     file : Path
-        JSON, overwritten.
+        JSON file to write; it is overwritten.
     about : dict
-        What the rules are and how they were made.
+        Description of the rules and of how they were made.
     """
     names = [str(name) for name in network.feature_names_in_]
     slopes = network.slopes_
@@ -64,12 +64,12 @@ def read_rules(file: Path, inputs: Sequence[str]) -> Neurons:
     Returns
     -------
     Neurons
-        For :meth:`SOFNN.restore`, or to be read as they are.
+        Rules for :meth:`SOFNN.restore`.
 
     Raises
     ------
     ValueError
-        The file is no rule file, or has other inputs.
+        The file is not a rule file, or has other inputs.
     """
     try:
         text = json.loads(file.read_text(encoding="utf-8"))

@@ -81,7 +81,7 @@ class Regressor(ABC):
 
     @abstractmethod
     def __sklearn_is_fitted__(self) -> bool:
-        """Tell whether the model can predict."""
+        """Return whether the model can predict."""
 
     def __sklearn_tags__(self) -> Any:
         """Describe the model to scikit-learn."""

@@ -22,7 +22,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="o3d_sofnn.training", description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=SHIPPED, help="file to write")
     parser.add_argument("--rounds", type=int, default=5, help="clouds of each shape")
-    parser.add_argument("--trials", type=int, default=16, help="networks of which the best is kept")
+    parser.add_argument("--trials", type=int, default=16, help="networks to fit; the best is kept")
     options = parser.parse_args()
     from o3d_sofnn.training.learning import clouds, learn  # after --help
 

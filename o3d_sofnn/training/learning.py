@@ -12,13 +12,13 @@ from o3d_sofnn.training.lessons import Lessons, draw_pairs, lessons
 from o3d_sofnn.training.shapes import SHAPES, draw
 
 NOISES = (0.0, 0.0, 0.00125, 0.0025, 0.005, 0.01)
-"""Noise of the clouds, over the diagonal."""
+"""Noise of the clouds, divided by the diagonal."""
 POINTS = (6000, 25000)
-"""Fewest and most points of a cloud."""
+"""Smallest and largest number of points in a cloud."""
 PLACES, PAIRS = 2500, 1500
-"""Places looked at in a cloud, and pairs of a place and a rule drawn from it."""
+"""Number of queries in a cloud, and of pairs of a query and a rule drawn from it."""
 MOST_RULES = 8
-"""Of the network: few can be read and are cheap to evaluate."""
+"""Largest number of rules in the network: few can be read and are cheap to evaluate."""
 
 
 def clouds(rounds: int, seed: int = 7) -> Iterator[Lessons]:
@@ -27,9 +27,9 @@ def clouds(rounds: int, seed: int = 7) -> Iterator[Lessons]:
     Parameters
     ----------
     rounds : int
-        Clouds of each shape.
+        Number of clouds of each shape.
     seed : int, default 7
-        Of everything that is drawn.
+        Seed of everything that is drawn.
     """
     rng = np.random.default_rng(seed)
     for turn in range(rounds):
@@ -47,7 +47,7 @@ def learn(found: Sequence[Lessons], trials: int) -> tuple[SOFNN, float]:
     Parameters
     ----------
     found : sequence of Lessons
-        What they are fitted to and judged by.
+        Training samples, to which networks are fitted and by which they are judged.
     trials : int
         Number of networks.
 
@@ -56,7 +56,8 @@ def learn(found: Sequence[Lessons], trials: int) -> tuple[SOFNN, float]:
     network : SOFNN
         The best one.
     gain : float
-        Error of the inferred normals with it over that without it, geometric mean of the clouds.
+        Error of the inferred normals with it, divided by the error without it (geometric mean of
+        the clouds).
     """
     best: tuple[float, SOFNN] | None = None
     for seed in range(trials):
@@ -79,7 +80,7 @@ def learn(found: Sequence[Lessons], trials: int) -> tuple[SOFNN, float]:
 
 
 def gain(network: SOFNN, found: Sequence[Lessons]) -> float:
-    """Error of the inferred normals with the network over that without, geometric mean."""
+    """Return the error of the normals with the network, divided by the error without it."""
     ratios = []
     for cloud in found:
         expected = network.predict(cloud.inputs.reshape(-1, len(INPUTS)))

@@ -1,4 +1,4 @@
-"""Examples from shapes that are known: places, the rules around them, and how wrong each is."""
+"""Training samples from known shapes: queries, the rules around them, and the error of each."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ from o3d_sofnn.rules.trust import place_inputs, rule_inputs
 Array = NDArray[np.float64]
 
 ANGLES = (0.01, 1.2)
-"""Errors below the first count as that much, those above the second as that little, in radians."""
+"""Range to which errors are clipped, in radians."""
 SOFTNESS = 0.3
-"""Power of the memberships by which pairs are drawn: rules without a share may be right."""
+"""Power of the memberships by which pairs are drawn: rules with a small share may be right."""
 
 
 @dataclass(frozen=True)
 class Lessons:
-    """Some places of one cloud, each with its nearest rules.
+    """Some queries of one cloud, each with its nearest rules.
 
     Attributes
     ----------
     inputs : (p, k, 6) float64
-        Of the off-line rules (:data:`o3d_sofnn.rules.trust.INPUTS`).
+        Inputs of the off-line rules (:data:`o3d_sofnn.rules.trust.INPUTS`).
     memberships : (p, k) float64
         Logarithm of the membership without off-line rules.
     normals : (p, k, 3) float64
-        What each rule says.
+        Normal according to each rule.
     truth : (p, 3) float64
-        True normals.
+        Reference normals.
     """
 
     inputs: Array
@@ -48,29 +48,29 @@ class Lessons:
 
     @property
     def outputs(self) -> Array:
-        """Logarithm of the squared angle between what a rule says and the truth, (p, k)."""
+        """Return the logarithm of the squared angle of each rule's normal to the truth, (p, k)."""
         cosine = np.abs(np.einsum("pkd,pd->pk", self.normals, self.truth))
         angle = np.clip(np.arccos(np.clip(cosine, 0.0, 1.0)), *ANGLES)
         return np.asarray(2.0 * np.log(angle))
 
     def error(self, trust: Array | float) -> float:
-        """Root-mean-square angle of the inferred normals with a (p, k) logarithm of a trust."""
+        """Return the root-mean-square angle of normals inferred with (p, k) log-trusts."""
         membership = self.memberships + trust
         share = np.exp(membership - membership.max(axis=1, keepdims=True))
-        mean = np.einsum("pk,pkd->pd", share, self.normals)  # Eq. (7), but for its length
+        mean = np.einsum("pk,pkd->pd", share, self.normals)  # Eq. (7), except for its length
         cosine = np.einsum("pd,pd->p", mean, self.truth) / np.linalg.norm(mean, axis=1)
         return float(np.sqrt(np.mean(np.arccos(np.clip(np.abs(cosine), 0.0, 1.0)) ** 2)))
 
 
 def lessons(points: Array, normals: Array, count: int, n_threads: int) -> Lessons:
-    """Learn the rules of a cloud and compare them with the truth at evenly spread points.
+    """Learn the rules of a cloud and compare them with reference normals at evenly spread points.
 
     Parameters
     ----------
     points, normals : (n, 3) float64
-        Points and true normals.
+        Points and reference normals.
     count : int
-        Number of places.
+        Number of queries.
     n_threads : int
         Number of threads.
 
@@ -110,7 +110,7 @@ def lessons(points: Array, normals: Array, count: int, n_threads: int) -> Lesson
 def draw_pairs(
     clouds: Iterable[Lessons], count: int, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Draw pairs of a place and a rule, `count` of each cloud, more often where the rule counts.
+    """Draw `count` pairs of a query and a rule from each cloud, preferring rules that count.
 
     Returns
     -------

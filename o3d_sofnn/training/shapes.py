@@ -1,4 +1,4 @@
-"""Shapes from a seed: what the off-line rules are learned from."""
+"""Random shapes from which the off-line rules are learned."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def superquadric(rng: np.random.Generator) -> Mesh:
 
 
 def bumpy_ball(rng: np.random.Generator) -> Mesh:
-    """Draw a ball with waves in its radius, with fine triangles or such that are seen."""
+    """Draw a ball with a wavy radius, with fine or visible triangles."""
     fine = int(rng.integers(20, 120))
     turn = np.linspace(0.0, 2.0 * np.pi, 2 * fine + 1)[:-1]
     rise = np.linspace(-0.5, 0.5, fine + 2)[1:-1] * np.pi
@@ -54,7 +54,7 @@ def bumpy_ball(rng: np.random.Generator) -> Mesh:
 
 
 def turned(rng: np.random.Generator) -> Mesh:
-    """Draw a piece from the lathe: steps and cones with sharp circular edges."""
+    """Draw a turned part: steps and cones with sharp circular edges."""
     steps = int(rng.integers(3, 7))
     radius = np.repeat(rng.uniform(0.15, 0.6, steps), 2) * rng.uniform(0.85, 1.0, 2 * steps)
     height = np.repeat(np.cumsum(rng.uniform(0.1, 0.4, steps + 1)), 2)[1:-1]
@@ -152,11 +152,11 @@ def draw(
     count : int
         Number of points.
     noise : float
-        Standard deviation along each axis, over the diagonal of the bounding box.
+        Standard deviation along each axis, divided by the diagonal of the bounding box.
     uneven : float
-        Logarithm of the density at one end over that at the other.
+        Logarithm of the ratio of the densities at both ends.
     rng : Generator
-        Source of chance.
+        Source of random numbers.
 
     Returns
     -------

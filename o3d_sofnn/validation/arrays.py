@@ -1,4 +1,4 @@
-"""Checks of arrays: a ``ValueError`` that names the argument, what was expected and what came."""
+"""Checks of arrays: a ``ValueError`` names the argument, what was expected, and what was given."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def check_points(points: ArrayLike, name: str = "points") -> NDArray[np.float64]
     Raises
     ------
     ValueError
-        Wrong shape, values that are not real numbers, NaN or infinity, fewer than 4 points.
+        The shape is wrong, values are not finite real numbers, or there are fewer than 4 points.
     """
     array = check_array(points, name)
     finite = finite_rows(array)
@@ -59,7 +59,7 @@ def check_array(values: ArrayLike, name: str) -> NDArray[np.float64]:
     Raises
     ------
     ValueError
-        Wrong shape, or values that are not real numbers.
+        The shape is wrong, or values are not real numbers.
     """
     array = np.asarray(values)
     if array.dtype.kind not in "fiu":
@@ -81,7 +81,7 @@ def finite_rows(array: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def check_magnitude(points: NDArray[np.float64], name: str) -> None:
-    """Raise ``ValueError`` for finite points whose volumes double precision cannot hold.
+    """Raise ``ValueError`` for finite points whose volumes double precision cannot represent.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def check_vector(value: ArrayLike | None, name: str) -> NDArray[np.float64] | No
     Raises
     ------
     ValueError
-        Not three finite real numbers.
+        The value is not three finite real numbers.
     """
     if value is None:
         return None
@@ -123,7 +123,7 @@ def check_viewpoint(
     Raises
     ------
     ValueError
-        Neither three finite numbers nor three for each point.
+        The value is neither three finite numbers nor three for each point.
     """
     if value is None:
         return None
@@ -146,7 +146,7 @@ def check_direction(value: ArrayLike | None, name: str) -> NDArray[np.float64] |
     Raises
     ------
     ValueError
-        Not three finite real numbers, or all of them zero.
+        The value is not three finite real numbers, or all of them are zero.
     """
     vector = check_vector(value, name)
     if vector is None:

@@ -1,4 +1,4 @@
-"""Checks of options: a ``ValueError`` that names the option, what was expected and what came."""
+"""Checks of options: a ``ValueError`` names the option, what was expected, and what was given."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from o3d_sofnn.validation.values import real, shown
 
 # A local quadric has six coefficients.
 MIN_NEIGHBORS = 6
-# Deeper octrees than this need more cells than 32-bit indices can name.
+# Deeper octrees need more cells than 32-bit indices can address.
 MAX_DEPTH = 16
 # Native code counts with 32 bits.
 LARGEST = 2**31 - 1
@@ -25,7 +25,7 @@ def check_integer(value: Any, name: str, minimum: int, maximum: int = LARGEST) -
     Raises
     ------
     ValueError
-        Not an integer, or out of range.
+        The value is not an integer, or out of range.
     """
     if value is None:
         return None
@@ -45,7 +45,7 @@ def check_positive(value: Any, name: str) -> float | None:
     Raises
     ------
     ValueError
-        Not a real number, not finite, zero or negative.
+        The value is not a finite real number above zero.
     """
     number = real(value, name, "a number above 0")
     if number is not None and not 0 < number < np.inf:
@@ -105,12 +105,12 @@ def check_n_threads(value: Any) -> int:
 
 
 def check_flag(value: Any, name: str, expected: str = "True or False") -> bool:
-    """Return ``value`` as a bool; numbers that are not 0 or 1, texts and arrays are no flags.
+    """Return ``value`` as a bool; 0 and 1 are accepted, other numbers, texts and arrays are not.
 
     Raises
     ------
     ValueError
-        Neither True nor False.
+        The value is neither True nor False.
     """
     if isinstance(value, (bool, int, np.bool_, np.integer)) and value in (0, 1):
         return bool(value)
@@ -125,7 +125,7 @@ def check_exclusive(**options: Any) -> None:
 
 
 def thread_count(n_threads: int) -> int:
-    """Return how many threads to start: more than there are cores only cost memory."""
+    """Return how many threads to start: one per core, or `n_threads`, up to a limit of 256."""
     if n_threads > 0:
         return min(n_threads, _MOST_THREADS)
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,4 +1,4 @@
-"""Values of any kind: what number they are, and how a message shows them."""
+"""Conversion of values of any kind to numbers, and to text in messages."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# Letters of a value in a message.
+# Largest number of characters of a value in a message.
 _LINE = 80
 
 
 def shown(value: Any) -> str:
-    """Return what a message says of a value: one line, not too long, whatever the value is."""
+    """Return a value as text for a message: one short line, whatever the value is."""
     try:
         text = " ".join(repr(value).split())
     except Exception:  # an integer with too many digits, or a class whose text fails
@@ -31,7 +31,7 @@ def real(value: Any, name: str, expected: str) -> float | None:
 
 
 def real_array(value: Any, name: str, expected: str) -> NDArray[np.float64]:
-    """Return a new array: a caller's may change during the call. Too large is infinite."""
+    """Return a new array, since the caller's may change; numbers too large become infinite."""
     try:
         array = np.asarray(value)
         # Integers of any length and fractions are objects.

@@ -1,1 +1,1 @@
-"""Readers, one file a format: on NumPy alone, or in a process of their own where they may crash."""
+"""Readers, one file per format: with NumPy alone, or in a separate process if they may crash."""

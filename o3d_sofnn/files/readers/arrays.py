@@ -37,9 +37,9 @@ def read_npy(path: Path) -> PointFile:
     Raises
     ------
     OSError
-        As of opening a file.
+        The file cannot be opened.
     ValueError
-        Another array, or cut short.
+        The file contains another array, or is cut short.
     """
     with open_regular(path) as stream:
         array = _read_array(stream, bytes_left(stream), path)
@@ -56,9 +56,9 @@ def read_npz(path: Path) -> PointFile:
     Raises
     ------
     OSError
-        As of opening a file.
+        The file cannot be opened.
     ValueError
-        No such arrays, damaged, or larger than anything that is packed so small.
+        There are no such arrays, the file is damaged, or it would unpack to an implausible size.
     """
     arrays: dict[str, NDArray[Any]] = {}
     notes: list[str] = []

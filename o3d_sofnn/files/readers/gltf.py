@@ -42,9 +42,9 @@ def read_gltf(path: Path) -> PointFile:
     Raises
     ------
     OSError
-        As of opening the file, or one that it names.
+        The file, or one that it refers to, cannot be opened.
     ValueError
-        No glTF 2.0, compressed, or cut short; the message names the file.
+        The file is not glTF 2.0, compressed, or cut short; the message names it.
     """
     parts = _read(path)
     notes = []

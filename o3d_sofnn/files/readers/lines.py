@@ -1,4 +1,4 @@
-"""Lines of text with their numbers, and tables of numbers out of them."""
+"""Numbered lines of text, and tables of numbers read from them."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ NO_ROW = "?"
 _HEAD = 4096
 
 
-# Bytes at the end, and numbers with decimals among them, that say whether the last one is whole.
+# Bytes at the end, and numbers with decimals among them, that show whether the last one is whole.
 _TAIL, _ENOUGH_NUMBERS = 8192, 9
 
 
-# Fewer decimals than this are no sign of a format with a fixed number of them.
+# Fewer decimals than this do not indicate a format with a fixed number of decimals.
 _FEW_DECIMALS = 3
 
 
@@ -48,7 +48,7 @@ class Lines:
     text : str
         The line that was returned last.
     number : int
-        Its number, from 1.
+        Number of that line, from 1.
     """
 
     def __init__(self, stream: TextIO, path: Path, number: int = 0) -> None:
@@ -58,7 +58,7 @@ class Lines:
         self.number = number
 
     def __iter__(self) -> Iterator[str]:
-        """Yield the lines that are left."""
+        """Yield the remaining lines."""
         for text in self._stream:
             self.text = text
             self.number += 1
@@ -72,12 +72,12 @@ class Lines:
 
 
 def open_text(path: Path) -> TextIO:
-    """Open a text in UTF-8, or in UTF-16 or UTF-32 where its first bytes say so.
+    """Open a text in UTF-8, or in UTF-16 or UTF-32 if its first bytes say so.
 
     Raises
     ------
     OSError, ValueError
-        As of :func:`o3d_sofnn.files.regular.open_regular`; also when the contents are no text.
+        As in :func:`o3d_sofnn.files.regular.open_regular`; also when the contents are no text.
     """
     stream = open_regular(path)
     try:
@@ -89,7 +89,7 @@ def open_text(path: Path) -> TextIO:
 
 
 def as_text(stream: BinaryIO, encoding: str = "utf-8") -> TextIO:
-    """Return the rest of a binary stream as text; what is no character becomes a mark."""
+    """Return the rest of a binary stream as text; undecodable bytes become a mark."""
     return io.TextIOWrapper(stream, encoding=encoding, errors="replace")
 
 
@@ -101,18 +101,18 @@ def read_table(
     Parameters
     ----------
     rows : iterable of str
-        Taken from ``lines`` one by one.
+        Rows, taken from ``lines`` one by one.
     width : int
-        Numbers in each.
+        Number of columns.
     lines : Lines
-        For messages.
+        Source of the rows, for messages.
     delimiter : str, optional
         One character; None is white space.
 
     Raises
     ------
     ValueError
-        A row has other than ``width`` numbers; the message has its line.
+        A row does not have ``width`` numbers; the message names its line.
     """
     rows = iter(rows)
     first = next(rows, None)
@@ -131,10 +131,10 @@ def read_table(
 
 
 def check_end(path: Path, decimal_sign: str = ".") -> None:
-    """Raise ``ValueError`` when the file ends in the middle of its last number.
+    """Raise ``ValueError`` if the file ends in the middle of its last number.
 
-    That is so if its last line does not end, and the last number has fewer decimals than all others
-    in a file where all have the same number of them.
+    This is the case if its last line is not terminated, and the last number has fewer decimals than
+    the others, which all have the same number of decimals.
     """
     tail, is_all = _tail(path)
     *whole, last = tail.splitlines() or [""]
@@ -178,7 +178,7 @@ def _encoding(stream: BinaryIO, path: Path) -> str:
             return encoding
     if b"\0" not in head:
         return "utf-8"
-    # Digits in UTF-16 have a zero for every other byte.
+    # In UTF-16, every other byte of digits is zero.
     for encoding, zeros in (("utf-16-le", head[1::2]), ("utf-16-be", head[0::2])):
         if not any(zeros):
             return encoding

@@ -30,9 +30,9 @@ def read_off(path: Path) -> PointFile:
     Raises
     ------
     OSError
-        As of opening a file.
+        The file cannot be opened.
     ValueError
-        No OFF in text, or fewer vertices than it says.
+        The file is not OFF in text, or has fewer vertices than it says.
     """
     return _read_off(path, wants_faces=False)[0]
 
@@ -114,9 +114,9 @@ def read_stl(path: Path) -> PointFile:
     Raises
     ------
     OSError
-        As of opening a file.
+        The file cannot be opened.
     ValueError
-        No STL, or fewer facets than it says.
+        The file is not STL, or has fewer facets than it says.
     """
     vertices, _ = read_stl_mesh(path)
     return PointFile(vertices)

@@ -45,9 +45,9 @@ def read_obj(path: Path) -> PointFile:
     Raises
     ------
     OSError
-        As of opening a file.
+        The file cannot be opened.
     ValueError
-        No OBJ, or a vertex is no row of numbers.
+        The file is not OBJ, or a vertex is not a row of numbers.
     """
     vertices = _read_table(path, "v")
     names = _COLUMNS.get(vertices.shape[1])

@@ -72,9 +72,9 @@ def read_pcd(path: Path) -> PointFile:
     Raises
     ------
     OSError
-        As of opening a file.
+        The file cannot be opened.
     ValueError
-        No PCD, no x y z, or fewer points than its header says.
+        The file is not PCD, has no x y z, or fewer points than its header says.
     """
     with open_regular(path) as stream:
         header = _read_header(stream, path)

@@ -51,7 +51,7 @@ def read_ply(path: Path) -> PointFile:
     Raises
     ------
     OSError
-        As of opening a file.
+        The file cannot be opened.
     ValueError
         No PLY, no vertices with x y z, or cut short.
     """

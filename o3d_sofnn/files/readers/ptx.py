@@ -29,7 +29,7 @@ def read_ptx(path: Path) -> PointFile:
     Raises
     ------
     OSError
-        As of opening a file.
+        The file cannot be opened.
     ValueError
         A line is no row of numbers, or there are fewer than its header says.
     """

@@ -34,7 +34,7 @@ def read_text(path: Path, ending: str) -> PointFile:
     Raises
     ------
     OSError
-        As of opening a file.
+        The file cannot be opened.
     ValueError
         A line is no row of numbers (the message has its number), there are more or fewer rows than
         announced, or the contents are no text.

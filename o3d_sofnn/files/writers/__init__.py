@@ -1,1 +1,1 @@
-"""Writers of the formats: arrays to binary streams."""
+"""Writers of all formats, from arrays to binary streams."""

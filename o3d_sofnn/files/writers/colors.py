@@ -1,4 +1,4 @@
-"""Colours as the levels that formats have."""
+"""Conversion of colours to the integer levels of formats."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _COLOR_LEVELS = {"b": 1.0, "u1": 255.0, "u2": 65535.0}
 def color_levels(cloud: CloudArrays, kind: str) -> NDArray[Any] | None:
     """Return the colours as whole levels of ``kind`` ("u1" or "u2"), or None without colours.
 
-    Colours in floating point are shares of full intensity, those in integers levels of their type.
+    Colours in floating point are fractions of full intensity; integers are levels of their type.
     """
     colors = cloud.attributes.get("colors")
     if colors is None:

@@ -1,4 +1,4 @@
-"""What a format has room for, and what is said of the rest."""
+"""Selection of what a format can hold, and messages about the rest."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ROUNDING_SHARE = 0.01
 
 
 def free(extra: Mapping[str, NDArray[Any]], taken: Collection[str]) -> dict[str, NDArray[Any]]:
-    """Return (n, 1) values under names that are not taken."""
+    """Return (n, 1) values under unused names."""
     found: dict[str, NDArray[Any]] = {}
     for name, values in extra.items():
         found[columns.free_name(name, [*taken, *found])] = values.reshape(len(values), -1)
@@ -34,7 +34,7 @@ def free(extra: Mapping[str, NDArray[Any]], taken: Collection[str]) -> dict[str,
 def named(
     path: Path, extra: Mapping[str, NDArray[Any]], taken: Collection[str]
 ) -> dict[str, NDArray[Any]]:
-    """Do the same, and log what gets another name."""
+    """Do the same, and log which values get another name."""
     found = free(extra, taken)
     for name, kept in zip(extra, found, strict=True):
         if kept != name:
@@ -48,7 +48,7 @@ def joined(arrays: CloudArrays, further: Mapping[str, NDArray[Any]]) -> CloudArr
 
 
 def fitted(path: Path, arrays: CloudArrays, keeps: Collection[str] | None) -> CloudArrays:
-    """Return what a format has room for, and log what it has not; None keeps all per point."""
+    """Return what a format can hold, and log the rest; None keeps everything per point."""
     count = len(arrays.points)
     per_point = {name: v for name, v in arrays.attributes.items() if v.shape[:1] == (count,)}
     others = sorted(arrays.attributes.keys() - per_point.keys())
@@ -72,7 +72,7 @@ def _is_beyond_double(values: NDArray[Any]) -> bool:
 
 
 def warn_of_rounding(path: Path, points: NDArray[np.float64]) -> None:
-    """Say so when single precision would visibly move the points of a large-coordinate cloud."""
+    """Warn if single precision would visibly move points with large coordinates."""
     finite = points[np.isfinite(points).all(axis=1)]
     suffix = path.suffix.lower()
     if suffix not in formats.SINGLE_PRECISION or len(finite) == 0:

@@ -1,4 +1,4 @@
-"""GLB: glTF 2.0 in one file, single precision about a local origin."""
+"""GLB: glTF 2.0 in one file, in single precision relative to a local origin."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ _POINTS, _TRIANGLES = 0, 4
 def write_mesh_glb(stream: BinaryIO, vertices: CloudArrays, triangles: NDArray[np.int64]) -> None:
     """Write a GLB with normals and colours.
 
-    Coordinates far from zero are stored about an origin that the node of the mesh adds again, in
-    double: what reads transformations gets them back.
+    Coordinates far from zero are stored relative to an origin that the node of the mesh adds again,
+    in double precision: programs that apply transformations restore them.
 
     Raises
     ------
     ValueError
-        Vertices that are not finite, or more than the format counts in 32 bits.
+        Vertices are not finite, or there are more than 32 bits can count.
     """
     if not np.isfinite(vertices.points).all():
         raise ValueError("mesh: expected finite vertices for GLB, got NaN or inf")
@@ -85,7 +85,7 @@ def write_mesh_glb(stream: BinaryIO, vertices: CloudArrays, triangles: NDArray[n
 
 
 class _Parts:
-    """Arrays one behind the other, and what the JSON says of them."""
+    """Consecutive arrays, and their descriptions in the JSON part."""
 
     def __init__(self) -> None:
         self.data: list[bytes] = []

@@ -7,22 +7,22 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-# Coordinates of up to so many extents lose nothing that counts.
+# Coordinates up to this multiple of the extent lose no significant digits.
 _NEAR = 4.0
 
 
 def local_origin(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a place near the points, in round numbers; zeros where they are near zero already.
+    """Return a point near the given ones, in round numbers; zero if they are near zero already.
 
     Parameters
     ----------
     points : numpy.ndarray, shape (n, 3)
-        Coordinates; those that are not finite do not count.
+        Coordinates; those that are not finite are ignored.
 
     Returns
     -------
     numpy.ndarray, shape (3,)
-        Below every point by less than their extent, or by nothing.
+        Origin, below every coordinate by less than the extent.
     """
     finite = points[np.isfinite(points).all(axis=1)]
     if len(finite) == 0:

@@ -40,7 +40,7 @@ COARSER = 2.0
 
 
 ACCURACY = 2.0
-"""Error of a fit, divided by the noise level over the square root of its number of points."""
+"""Error of a fit, in units of the noise level by the square root of its number of points."""
 
 
 CLEAN = 1e-3

@@ -19,13 +19,13 @@ SAME_FACE = (0.5, 0.8)
 FACES = 3
 """Largest number of faces that meet."""
 FAINT, FAINT_FLAT = -3.0, -5.0
-"""Logarithm of the least membership of a bent and of a flat face, over the largest one."""
+"""Logarithm of the smallest membership of a curved and of a flat face, relative to the largest."""
 FLAT = 0.1
 """Sum of the quadratic coefficients up to which a rule is flat."""
 REACH = 4.0
 """Steepness of the membership in the tangent plane."""
 BLUR = 0.2
-"""Least width of the membership in the residual, over the radius."""
+"""Smallest width of the membership in the residual, divided by the radius."""
 
 
 def evaluate_field(rules: Rules, rbf: Array, terms: NDArray[np.int64], x: Array, k: int) -> Array:

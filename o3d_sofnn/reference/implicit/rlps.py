@@ -16,21 +16,21 @@ Array = NDArray[np.float64]
 CENTERS = 12
 """Most centres of a unit, delta of Algorithm 2."""
 SAME_SIDE = 0.5
-"""Least cosine between the normal of a unit and those of its points."""
+"""Smallest cosine between the normals of a unit and of its points."""
 BOUND_REACH, BOUND_COUNT = 1.25, 3
-"""Points of other faces bound a unit as far out as its function is used, over its radius, and in
-their number, over that of its points."""
+"""Limits for points of other faces that bound a unit: distance up to which its function is used,
+divided by its radius, and number, divided by the number of its points."""
 APART = 0.2
-"""Least distance of the centre of a unit from the tangent plane of such a point, over their
-distance: it lies behind or in front of that face for certain."""
+"""Smallest distance of the centre of a unit from the tangent plane of such a point, divided by
+their distance, so that it certainly lies behind or in front of that face."""
 SUPPORT = 1.0
-"""Support of the basis functions, over the radius of the unit."""
+"""Support of the basis functions, divided by the radius of the unit."""
 RIDGE = 1e-6
 """Added to the diagonal of the system, against centres on top of each other."""
 
 
 class UnitPoints(NamedTuple):
-    """Points of a unit, in the frame of its rule and over its radius."""
+    """Points of a unit, in the frame of its rule and divided by its radius."""
 
     local: Array
     """Coordinates, (m, 3)."""
@@ -41,7 +41,7 @@ class UnitPoints(NamedTuple):
 
 
 class LocalSurface(NamedTuple):
-    """What :func:`reconstruct_unit` learned, in the frame of the rule and over its radius."""
+    """Result of :func:`reconstruct_unit`, in the frame of the rule and divided by its radius."""
 
     terms: Array
     error: float

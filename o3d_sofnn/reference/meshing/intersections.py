@@ -10,7 +10,7 @@ Triangles = NDArray[np.int32]
 Mask = NDArray[np.bool_]
 
 TOUCH = 1e-4
-"""Least gap over the size of the larger triangle, or sine of an angle between neighbours."""
+"""Smallest gap divided by the size of the larger triangle, or sine of an angle of neighbours."""
 
 
 def intersecting_pairs(vertices: Array, triangles: Triangles, suspect: Mask) -> NDArray[np.int32]:

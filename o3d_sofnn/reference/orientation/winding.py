@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 RESOLUTION = 2.0**-26
-"""Least smoothing width, over the largest distance of a source from the mean of all: places are
-single precision there, and inverse powers of less overflow."""
+"""Smallest smoothing width, divided by the largest distance of a source from the mean of all:
+positions have single precision there, and inverse powers of smaller widths overflow."""
 
 
 def evaluate_winding(

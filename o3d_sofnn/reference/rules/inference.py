@@ -14,12 +14,12 @@ from o3d_sofnn.reference.sampling.local_fit import STEEPEST, arc_over_parabola
 Array = NDArray[np.float64]
 
 CONCENTRATION, CLEAN_TOLERANCE = 25.0, 0.02
-"""Concentration of the membership in the angle to a side, over how much wider than on clean data
-the membership in the residual is, both over the radius."""
+"""Concentration of the membership in the angle to a side, divided by how much wider the membership
+in the residual is than on clean data; both widths are divided by the radius."""
 
 
 class Contribution(NamedTuple):
-    """What the nearest rules say about one place, one row a rule."""
+    """Contributions of the nearest rules to one query, one row per rule."""
 
     reach: Array
     """Squared distance in the tangent plane, 1 at the edge of the ellipse."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 LEAST = 1e-15
-"""Least radius over the size of the rule base, and least tolerance over the radius."""
+"""Smallest radius, divided by the size of the rule base, and tolerance, divided by the radius."""
 
 
 class Rules(NamedTuple):
@@ -21,11 +21,11 @@ class Rules(NamedTuple):
     frames: Array
     """Two tangents and the normal, (r, 3, 3)."""
     coefficients: Array
-    """Quadrics, lengths over the radius, (r, 6)."""
+    """Quadrics, with lengths divided by the radius, (r, 6)."""
     radius: Array
     """Radii of the fits, in the unit of the points, (r,)."""
     stretch: Array
-    """How many times longer than wide the neighbourhoods are, (r,)."""
+    """Length of the neighbourhoods divided by their width, (r,)."""
     tolerance: Array
     """Width of the Gaussian in the residual, in the unit of the points, (r,)."""
     quality: Array

@@ -12,19 +12,19 @@ from o3d_sofnn.reference.geometry.neighbors import query
 Array = NDArray[np.float64]
 
 STEEPEST = 0.75
-"""Squared slope, over that of the diagonal, at which an arc ends."""
+"""Squared slope, divided by the diagonal's, at which an arc ends."""
 NOISY_NORMALS = 5.0
-"""How flat the weight by angle is for small angles, over the ratio of residual width to radius."""
+"""How flat the weight by angle is for small angles, in units of residual width by radius."""
 RADIUS = 1.1
-"""Radius of a fit over the distance of its last neighbour."""
+"""Radius of a fit, divided by the distance of its last neighbour."""
 PARALLEL = 1e-6
-"""Part of a vector across another one, over its length, below which it is rounding."""
+"""Part of a vector across another one, divided by its length, below which it is rounding."""
 RIDGE = np.array([1e-12, 1e-9, 1e-9, 1.00001e-4, 1.00001e-4, 1.00001e-4])
-"""Penalty on the coefficients, over the sum of the weights: the plane stays free."""
+"""Penalty on the coefficients, divided by the sum of the weights: the plane is not penalised."""
 
 
 class Fit(NamedTuple):
-    """One quadric ``h = c0 + c1 u + c2 v + c3 u^2 + c4 uv + c5 v^2``, lengths over its radius."""
+    """One quadric ``h = c0 + c1 u + c2 v + c3 u^2 + c4 uv + c5 v^2`` in units of its radius."""
 
     normal: Array
     frame: Array
@@ -211,7 +211,7 @@ def fit_quadric(
 
 
 def arc_over_parabola(parabola: Array, sq_distance: Array) -> Array:
-    """Height of a circle over that of the parabola with the same curvature at its vertex.
+    """Return the height of a circle, divided by that of the parabola with the same curvature.
 
     Parameters
     ----------
