@@ -30,7 +30,7 @@ from o3d_sofnn.sampling.scales.refinement import refine_scale
 from o3d_sofnn.sampling.sight import between
 from o3d_sofnn.sampling.suitability import unsuitable
 from o3d_sofnn.sampling.typical_data import typical_data
-from o3d_sofnn.validation import thread_count
+from o3d_sofnn.threads import thread_count
 
 Array = NDArray[np.float64]
 
@@ -107,52 +107,49 @@ def learn_rules(
     ValueError
         There are fewer than 4 distinct points, or they are all equal or on one line.
     """
-    threads = thread_count(options.n_threads)
     with clock.stage("cells"):  # Algorithm 1, steps 1 and 2
-        cloud, steps = spread_rounded(unit_cube(points, enclosing), threads)
+        cloud, steps = spread_rounded(unit_cube(points, enclosing))
     limits = _limits(options, cloud.extent)
     with clock.stage("scale"):  # Algorithm 1, steps 3 to 6
         viewpoint = _inside(options.viewpoint, cloud)
         far = None if viewpoint is None else np.linalg.norm(cloud.points - viewpoint, axis=1)
-        samples = part_outliers(cloud.points, limits, threads, cloud.near, distance=far)
-        samples = steps.floored(samples, threads)
+        samples = part_outliers(cloud.points, limits, cloud.near, distance=far)
+        samples = steps.floored(samples)
     with clock.stage("orientation"):
         evidence = told(normals, options.viewpoint, options.towards)
-        evidence = evidence or found(points, samples, cloud.frame, threads)
+        evidence = evidence or found(points, samples, cloud.frame)
         viewpoint = None if evidence is None else _inside(evidence.viewpoint, cloud)
-        hanging = between(cloud.points, viewpoint, samples.scale, threads)
+        hanging = between(cloud.points, viewpoint, samples.scale)
         if hanging.any():
-            samples = samples.parted(hanging[samples.kept], threads)
+            samples = samples.parted(hanging[samples.kept])
         seen = None if evidence is None else evidence.directions(points)
         rows = cloud.first[samples.kept]
         known, seen = (None if x is None else x[rows] for x in (normals, seen))
         if seen is not None or hanging.any():  # the scale changes
-            samples = steps.floored(samples.seen(seen, limits, threads), threads)
-        sides = find_sides(samples, known, seen, threads)
+            samples = steps.floored(samples.seen(seen, limits))
+        sides = find_sides(samples, known, seen)
         check_stage("orientation", sides=sides)
-    rules, samples = _fitted(samples, sides, limits, clock, threads)
+    rules, samples = _fitted(samples, sides, limits, clock)
     if evidence is None or not evidence.sure:
         with clock.stage("orientation"):
-            rules, sides, evidence = settle(
-                rules, sides, samples.points, evidence, cloud.frame, threads
-            )
+            rules, sides, evidence = settle(rules, sides, samples.points, evidence, cloud.frame)
     # If there are many outliers, they have disturbed the scale and the rules: both are found again.
     many = (~samples.kept).mean() > MANY
     if many:
         with clock.stage("outliers"):  # Algorithm 1, step 5, decided by the rules
-            off = beside_surface(rules, samples, sides, experience, threads)
-            samples, sides = samples.without(off, limits, threads), sides[~off]
-            samples = steps.floored(samples, threads)
-        rules, samples = _fitted(samples, sides, limits, clock, threads)
+            off = beside_surface(rules, samples, sides, experience)
+            samples, sides = samples.without(off, limits), sides[~off]
+            samples = steps.floored(samples)
+        rules, samples = _fitted(samples, sides, limits, clock)
     with clock.stage("growth"):  # section 3.2
-        rules = grow(rules, samples, sides, limits, experience, threads)
+        rules = grow(rules, samples, sides, limits, experience)
         check_stage("growth", **vars(rules))
     with clock.stage("orientation"):
-        rules = replace(rules, confidence=certainty(rules, evidence.decided, threads))
+        rules = replace(rules, confidence=certainty(rules, evidence.decided))
     if many:
         with clock.stage("outliers"):
-            off = beside_surface(rules, samples, sides, experience, threads)
-            samples, sides = samples.parted(off, threads), sides[~off]
+            off = beside_surface(rules, samples, sides, experience)
+            samples, sides = samples.parted(off), sides[~off]
     return Learned(cloud, steps, hanging, samples, sides, rules, evidence, experience)
 
 
@@ -177,22 +174,23 @@ def infer(learned: Learned, options: Options, clock: Clock) -> tuple[NormalEstim
     """
     with clock.stage("inference"):
         cloud, samples, rules = learned.cloud, learned.samples, learned.rules
-        threads = thread_count(options.n_threads)
         sides = np.zeros_like(cloud.points)
         sides[samples.kept] = learned.sides
         normals, agreement, residual = infer_normals(
-            rules, cloud.points, threads, sides=sides, experience=learned.experience
+            rules, cloud.points, sides=sides, experience=learned.experience
         )
-        nearest = KdTree(rules.feet, threads).query(cloud.points, 1, np.inf, threads)[1][:, 0]
+        nearest = KdTree(rules.feet, thread_count()).query(cloud.points, 1, np.inf, thread_count())[
+            1
+        ][:, 0]
         confidence = np.where(learned.hanging, 0.0, agreement * rules.confidence[nearest])
         noise = rules.noise[nearest]
         spacing = float(np.median(samples.scale.spacing))
         doubt = (1.0 - confidence) * np.minimum(1.0, 2.0 * noise / spacing)
         leaning = leaned(normals, sides, doubt)
-        noise = learned.steps.given(noise, cloud.points, threads)
-        level = learned.steps.given(samples.scale.noise, samples.scale.places, threads)
+        noise = learned.steps.given(noise, cloud.points)
+        level = learned.steps.given(samples.scale.noise, samples.scale.places)
         check_stage("inference", normals=leaning, confidences=confidence, residuals=residual)
-    doubts = unsuitable(samples.points, samples.tree, threads)
+    doubts = unsuitable(samples.points, samples.tree)
     back = cloud.inverse
     estimate = NormalEstimate(
         normals=leaning[back],
@@ -210,18 +208,18 @@ def infer(learned: Learned, options: Options, clock: Clock) -> tuple[NormalEstim
 
 
 def _fitted(
-    samples: Samples, sides: Array, limits: Limits, clock: Clock, threads: int
+    samples: Samples, sides: Array, limits: Limits, clock: Clock
 ) -> tuple[RuleBase, Samples]:
     """Choose the scale again with known sides, find typical data, and fit a rule to each datum."""
     tree, points = samples.tree, samples.points
     with clock.stage("scale"):  # Algorithm 1, step 6
-        scale = refine_scale(points, tree, samples.scale, sides, limits, threads)
+        scale = refine_scale(points, tree, samples.scale, sides, limits)
     with clock.stage("typical data"):  # section 3.1
-        centers, facing = typical_data(points, sides, tree, scale, threads)
-        pilot = scale.at(centers, threads)
+        centers, facing = typical_data(points, sides, tree, scale)
+        pilot = scale.at(centers)
         where = Neighborhoods(centers, facing, scale.n_neighbors[pilot], scale.noise[pilot])
     with clock.stage("rules"):  # Algorithm 1, steps 3 and 5
-        rules = fit_rules(tree, points, sides, where, threads)
+        rules = fit_rules(tree, points, sides, where)
     return rules, replace(samples, scale=scale)
 
 

@@ -20,7 +20,6 @@ from o3d_sofnn.meshing.mesh import mesh
 from o3d_sofnn.options import Options
 from o3d_sofnn.progress import Clock
 from o3d_sofnn.rules.rule_base import RuleBase
-from o3d_sofnn.validation import thread_count
 
 if TYPE_CHECKING:
     from o3d_sofnn.algorithm1 import Learned
@@ -115,20 +114,18 @@ def implicit_function(
     ValueError
         `voxel_size` asks for more than 500,000 cubes along one side, or for less than one.
     """
-    threads, cloud, samples = thread_count(options.n_threads), learned.cloud, learned.samples
+    cloud, samples = learned.cloud, learned.samples
     facing, residual = facing[samples.kept], residual[samples.kept]
     with clock.stage("local surfaces"):  # Algorithm 2
         precision = None if options.precision is None else options.precision / cloud.extent
         inliers = cloud.points if samples.kept.all() else cloud.points[samples.kept]
-        rules, surfaces = local_surfaces(
-            learned.rules, inliers, facing, samples.tree, threads, precision
-        )
+        rules, surfaces = local_surfaces(learned.rules, inliers, facing, samples.tree, precision)
     with clock.stage("field"):  # section 4
         on_surface = inliers - residual[:, None] * facing
         scale = samples.scale
-        solid, on_solid = solids(rules, on_surface, threads)
-        spacing = scale.spacing[scale.at(inliers, threads)]
-        spacing = local_spacing(spacing, on_solid, inliers, samples.tree, threads)
+        solid, on_solid = solids(rules, on_surface)
+        spacing = scale.spacing[scale.at(inliers)]
+        spacing = local_spacing(spacing, on_solid, inliers, samples.tree)
         # On a sheet cubes may be larger: the winding number does not show how thin it is.
         thick = replace(rules, confidence=np.where(solid, rules.confidence, 1.0))
         wider = np.where(on_solid, 1.0, SHEET)
@@ -139,11 +136,10 @@ def implicit_function(
             float(np.median(scale.spacing) * np.median(wider)),
             thick,
             _voxel_size(options, inliers, cloud.extent),
-            threads,
         )
         edges = finest * np.exp2(levels)
         resolved = np.maximum(spacing, edges)
-        implicit = Field(rules, surfaces, on_surface, facing, resolved, on_solid, threads)
+        implicit = Field(rules, surfaces, on_surface, facing, resolved, on_solid)
         spacing = np.maximum(spacing, RESOLVES * edges)
     return Function(
         rules,
@@ -179,7 +175,7 @@ def triangulate(function: Function, options: Options, clock: Clock) -> Meshed:
     ValueError
         No triangle is left.
     """
-    threads, implicit = thread_count(options.n_threads), function.implicit
+    implicit = function.implicit
     with clock.stage("surface"):
         vertices, triangles, confidence, closing = mesh(
             implicit,
@@ -188,7 +184,6 @@ def triangulate(function: Function, options: Options, clock: Clock) -> Meshed:
             function.levels,
             _border(options, function),
             options.target_triangles,
-            threads,
         )
         as_closed = options.closes is True or (closing is not None and closing.closed)
         watertight = check_mesh(vertices, triangles, closed=as_closed)

@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import scipy.sparse
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import vertex_normals
@@ -21,7 +22,7 @@ from o3d_sofnn.progress import STAGES, Clock, ProgressCallback
 from o3d_sofnn.results import NormalEstimate, SurfaceEstimate
 from o3d_sofnn.rules.inference import infer_normals
 from o3d_sofnn.rules.trust import shipped
-from o3d_sofnn.validation import thread_count
+from o3d_sofnn.threads import using_threads
 
 __all__ = ["STAGES", "NormalEstimate", "SurfaceEstimate", "estimate_normals", "reconstruct_surface"]
 
@@ -59,8 +60,9 @@ def estimate_normals(
     """
     options = replace(options or Options(), **fields)
     clock = Clock(progress)
-    learned = learn_rules(points, options, clock, experience=shipped())
-    estimate = _facing(points, infer(learned, options, clock)[0])
+    with using_threads(options.n_threads):
+        learned = learn_rules(points, options, clock, experience=shipped())
+        estimate = _facing(points, infer(learned, options, clock)[0])
     clock.finish()
     return estimate
 
@@ -101,29 +103,29 @@ def reconstruct_surface(
     """
     options = replace(options or Options(), **fields)
     clock = Clock(progress)
-    learned = learn_rules(
-        points,
-        options,
-        clock,
-        normals=normals,
-        experience=shipped(),
-        enclosing=options.closes is True,
-    )
-    estimate, facing, residual = infer(learned, options, clock)  # Eq. (7), (9)
-    function = implicit_function(learned, facing, residual, options, clock)  # Algorithm 2
-    cloud, asked = learned.cloud, _asked(points, estimate, learned, function.spacing)
-    del learned, facing, residual  # a third of the memory in use
-    meshed = triangulate(function, options, clock)  # section 4
-    rules, size, offset_points = function.rules, function.size, function.offset_points
-    del function
-    vertices, triangles, confidence = meshed.vertices, meshed.triangles, meshed.confidence
-    threads = thread_count(options.n_threads)
-    with clock.stage("attributes"):
-        facing = np.asarray(vertex_normals(vertices, triangles))
-        near = np.flatnonzero(confidence > 0.0)
-        facing[near] = infer_normals(rules, vertices[near], threads)[0]
-        check_stage("attributes", normals=facing, confidences=confidence)
-        quality = assess(vertices, triangles, meshed.beyond, asked, threads)
+    with using_threads(options.n_threads):
+        learned = learn_rules(
+            points,
+            options,
+            clock,
+            normals=normals,
+            experience=shipped(),
+            enclosing=options.closes is True,
+        )
+        estimate, facing, residual = infer(learned, options, clock)  # Eq. (7), (9)
+        function = implicit_function(learned, facing, residual, options, clock)  # Algorithm 2
+        cloud, asked = learned.cloud, _asked(points, estimate, learned, function.spacing)
+        del learned, facing, residual  # a third of the memory in use
+        meshed = triangulate(function, options, clock)  # section 4
+        rules, size, offset_points = function.rules, function.size, function.offset_points
+        del function
+        vertices, triangles, confidence = meshed.vertices, meshed.triangles, meshed.confidence
+        with clock.stage("attributes"):
+            facing = np.asarray(vertex_normals(vertices, triangles))
+            near = np.flatnonzero(confidence > 0.0)
+            facing[near] = infer_normals(rules, vertices[near])[0]
+            check_stage("attributes", normals=facing, confidences=confidence)
+            quality = assess(vertices, triangles, meshed.beyond, asked)
     clock.finish()
     warnings = estimate.warnings + unmet(options.target_triangles, len(triangles))
     return SurfaceEstimate(
@@ -131,7 +133,7 @@ def reconstruct_surface(
         triangles=triangles,
         vertex_normals=facing,
         confidence=confidence,
-        weigh=partial(attribute_weights, vertices, cloud.points, cloud.inverse, size, threads),
+        weigh=partial(_weigh, options.n_threads, vertices, cloud.points, cloud.inverse, size),
         normals=_facing(points, replace(estimate, warnings=warnings)),
         offset_points=offset_points,
         voxel_size=options.voxel_size or size * cloud.extent,
@@ -152,6 +154,12 @@ def _asked(points: Array, estimate: NormalEstimate, learned: Learned, spacing: A
         np.maximum(spacing, 2.0 * estimate.noise[rows] / cloud.extent),
         None if directions is None else directions[rows],
     )
+
+
+def _weigh(n_threads: int, *places: Any) -> scipy.sparse.csr_matrix:
+    """Compute the weights of attributes when they are asked for, after the call has ended."""
+    with using_threads(n_threads):
+        return attribute_weights(*places)
 
 
 def _facing(points: Array, estimate: NormalEstimate) -> NormalEstimate:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import nearest_triangles
 from o3d_sofnn.geometry import mesh_properties
 from o3d_sofnn.geometry.vectors import unit
-from o3d_sofnn.validation import thread_count
+from o3d_sofnn.threads import thread_count
 
 if TYPE_CHECKING:
     from o3d_sofnn.compare.peers import Mesh
@@ -144,7 +144,7 @@ def distances(x: Array, vertices: Array, triangles: Array) -> tuple[Array, Array
     """Return distances of (n, 3) queries from a mesh, and the normals of the nearest triangles."""
     mesh = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(triangles, np.int32)
     places = np.ascontiguousarray(x, np.float64)
-    distance, nearest = map(np.asarray, nearest_triangles(*mesh, places, thread_count(-1)))
+    distance, nearest = map(np.asarray, nearest_triangles(*mesh, places, thread_count()))
     return distance, unit(mesh_properties.area_vectors(vertices, triangles[nearest]))
 
 

@@ -27,7 +27,7 @@ from o3d_sofnn.compare.isolated import call
 from o3d_sofnn.compare.measure import FIGURES
 from o3d_sofnn.compare.scene import Scene
 from o3d_sofnn.progress import NoProgress, ProgressCallback, rescale
-from o3d_sofnn.validation import thread_count
+from o3d_sofnn.threads import thread_count
 
 Row = dict[str, Any]
 
@@ -194,7 +194,7 @@ def machine() -> str:
     with contextlib.suppress(PackageNotFoundError):  # its methods say that it is missing
         packages["PyMeshLab"] = version("pymeshlab")
     named = ", ".join(f"{name} {number}" for name, number in packages.items())
-    place = f"{platform.system()}, {_processor()}, {thread_count(-1)} threads"
+    place = f"{platform.system()}, {_processor()}, {thread_count()} threads"
     return f"{named}; {place}."
 
 

@@ -6,14 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree
+from o3d_sofnn.threads import thread_count
 
 LEAST = 2.0**-50
 """Smallest area of a sample in the unit cube: its squared resolution; also used for one sample."""
 
 
-def neighborhood_areas(
-    places: NDArray[np.float64], tree: KdTree, n_threads: int
-) -> NDArray[np.float64]:
+def neighborhood_areas(places: NDArray[np.float64], tree: KdTree) -> NDArray[np.float64]:
     """Return the area of surface that each of some samples covers.
 
     Parameters
@@ -22,8 +21,6 @@ def neighborhood_areas(
         Samples.
     tree : KdTree
         Tree of all samples.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -31,5 +28,5 @@ def neighborhood_areas(
         ``pi r_k^2 / k`` from the distance to the k-th nearest sample; positive.
     """
     k = min(9, tree.size)
-    distance, _ = tree.query(places, k, np.inf, n_threads)
+    distance, _ = tree.query(places, k, np.inf, thread_count())
     return np.asarray(np.maximum(np.pi * distance[:, -1] ** 2 / max(k - 0.5, 1.0), LEAST))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import KdTree, label_pieces, vertex_normals
 from o3d_sofnn.geometry.mesh_properties import boundary_edges, triangle_areas
 from o3d_sofnn.geometry.vectors import unit
+from o3d_sofnn.threads import thread_count
 
 ASKED = 100_000
 """Largest number of points whose distance from the mesh is measured."""
@@ -152,9 +153,7 @@ class Inliers:
         return cls(some, reach[few].copy(), seen, len(points) / len(some))
 
 
-def assess(
-    vertices: Array, triangles: Triangles, beyond: Array, inliers: Inliers, n_threads: int
-) -> Quality:
+def assess(vertices: Array, triangles: Triangles, beyond: Array, inliers: Inliers) -> Quality:
     """Measure how well a mesh fits the inliers.
 
     Parameters
@@ -165,8 +164,6 @@ def assess(
         Distance of the vertices from the nearest sample, divided by 5 times the spacing.
     inliers : Inliers
         Inliers in the coordinates of the vertices.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -175,7 +172,9 @@ def assess(
         vertex itself if all its edges are shorter than the point's distance along that plane.
     """
     facing = np.asarray(vertex_normals(vertices, triangles))
-    found = KdTree(vertices, n_threads).query(inliers.points, 1, np.inf, n_threads)[1][:, 0]
+    found = KdTree(vertices, thread_count()).query(inliers.points, 1, np.inf, thread_count())[1][
+        :, 0
+    ]
     step = inliers.points - vertices[found]
     off = np.abs(np.einsum("kd,kd->k", step, facing[found]))
     away = np.linalg.norm(step, axis=1)

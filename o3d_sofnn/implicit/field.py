@@ -13,6 +13,7 @@ from o3d_sofnn.geometry.checks import check_stage
 from o3d_sofnn.geometry.neighbors import neighborhood_areas
 from o3d_sofnn.orientation.winding_normals import OPENING
 from o3d_sofnn.rules.rule_base import RuleBase
+from o3d_sofnn.threads import thread_count
 
 if TYPE_CHECKING:
     from o3d_sofnn.implicit.units import LocalSurfaces
@@ -96,8 +97,6 @@ class Field:
         Local distance between neighbouring samples, or the intended resolution if that is coarser.
     solid : (n,) bool
         True for samples on a solid, False for those on a sheet or in a room.
-    n_threads : int
-        Number of threads.
     """
 
     def __init__(
@@ -108,7 +107,6 @@ class Field:
         normals: NDArray[np.float64],
         spacing: NDArray[np.float64],
         solid: NDArray[np.bool_],
-        n_threads: int,
     ) -> None:
         self.rules = rules
         self.surfaces = surfaces
@@ -116,14 +114,13 @@ class Field:
         self.normals = normals
         self.noisiness = float(np.median(rules.noisiness))
         self._reach = 1.0 + (NOISY_REACH - 1.0) * self.noisiness
-        self._samples = KdTree(samples, n_threads)
+        self._samples = KdTree(samples, thread_count())
         self._spacing = spacing
-        self.n_threads = n_threads
-        self._view = rules.view(n_threads, trust=trust(rules))
+        self._view = rules.view(trust=trust(rules))
         # Lengths are compared: the square of a spacing as long as the user's voxels may overflow.
         weight = np.minimum(np.sqrt(self._areas(samples)), LONE * spacing) ** 2
         self._dipoles = weight[:, None] * normals
-        self._far_tree = WindingTree(samples, weight, n_threads)
+        self._far_tree = WindingTree(samples, weight, thread_count())
         # As in Poisson reconstruction, the level is the mean at the samples: 1/2 on closed data.
         some = slice(None, None, 1 + len(samples) // PLACES)
         on_samples = self.winding_number(np.ascontiguousarray(samples[some]), spacing[some])
@@ -135,7 +132,7 @@ class Field:
         """Return the area around each sample; in large clouds, consecutive samples share one."""
         few = min(1 + len(samples) // PLACES, ALIKE)
         places = np.ascontiguousarray(samples[few // 2 :: few])
-        areas = neighborhood_areas(places, self._samples, self.n_threads)
+        areas = neighborhood_areas(places, self._samples)
         return np.repeat(areas, few)[np.minimum(np.arange(len(samples)), few * len(areas) - 1)]
 
     def _local_levels(
@@ -147,17 +144,17 @@ class Field:
         """Differences of the level from that of all, at some places; None where there are none."""
         rows = np.linspace(0, len(places) - 1, min(len(places), LEVELS)).astype(np.int64)
         some, k = np.ascontiguousarray(places[rows]), min(AVERAGED, len(places))
-        near = KdTree(places, self.n_threads).query(some, k, np.inf, self.n_threads)[1]
+        near = KdTree(places, thread_count()).query(some, k, np.inf, thread_count())[1]
         off = winding[near].mean(axis=1) - self.level
         off = sheet[near].mean(axis=1) * (off - np.clip(off, -SAME, SAME))
-        return (KdTree(some, self.n_threads), off) if off.any() else None
+        return (KdTree(some, thread_count()), off) if off.any() else None
 
     def level_at(self, x: NDArray[np.float64]) -> NDArray[np.float64] | float:
         """Winding number that parts inside and outside around places (m, 3)."""
         if self._levels is None:
             return self.level
         tree, off = self._levels
-        distance, near = tree.query(x, min(NEAR_LEVELS, len(off)), np.inf, self.n_threads)
+        distance, near = tree.query(x, min(NEAR_LEVELS, len(off)), np.inf, thread_count())
         weight = 1.0 / np.maximum(distance, 1e-9) ** 2
         return np.asarray(self.level + (weight * off[near]).sum(axis=1) / weight.sum(axis=1))
 
@@ -166,7 +163,7 @@ class Field:
     ) -> NDArray[np.float64]:
         """Return the winding number at queries `x`, (m,), smoothed according to the spacing."""
         return np.asarray(
-            self._far_tree.winding(self._dipoles, x, WIDTH * spacing, OPENING, self.n_threads)
+            self._far_tree.winding(self._dipoles, x, WIDTH * spacing, OPENING, thread_count())
         )
 
     def nearest(
@@ -174,12 +171,12 @@ class Field:
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Return the distances to the `k` nearest samples, (m, k), and their indices."""
         k = min(k, len(self._spacing))
-        distance, index = self._samples.query(x, k, np.inf, self.n_threads)
+        distance, index = self._samples.query(x, k, np.inf, thread_count())
         return np.asarray(distance), np.asarray(index)
 
     def spacing_at(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the spacing, (m,), of the samples nearest to queries (m, 3)."""
-        return np.asarray(self._spacing[self._samples.query(x, 1, np.inf, self.n_threads)[1][:, 0]])
+        return np.asarray(self._spacing[self._samples.query(x, 1, np.inf, thread_count())[1][:, 0]])
 
     def __call__(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Evaluate the field.
@@ -197,7 +194,7 @@ class Field:
             Support by the data: 1 on the data, 0 far from them.
         """
         # The kernels share work between neighbours.
-        order = np.asarray(sort_morton(np.ascontiguousarray(x), self.n_threads)[1])
+        order = np.asarray(sort_morton(np.ascontiguousarray(x), thread_count())[1])
         values, support = np.empty(len(x)), np.empty(len(x))
         for start in range(0, len(x), BLOCK):  # about ten numbers per query are in memory
             block = order[start : start + BLOCK]
@@ -208,7 +205,7 @@ class Field:
     def _evaluate(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         # Beyond the reach of the widest spacing, the search ends early with an infinite distance.
         limit = REACH[1] * float(self._spacing.max())
-        distance, nearest = self._samples.query(x, 1, limit, self.n_threads)
+        distance, nearest = self._samples.query(x, 1, limit, thread_count())
         spacing = self._spacing[np.minimum(nearest[:, 0], len(self._spacing) - 1)]
         support = fade(distance[:, 0] / spacing, *REACH)
         share = fade(distance[:, 0] / (self._reach * spacing), *REACH)
@@ -223,7 +220,7 @@ class Field:
             self.surfaces.n_terms,
             np.ascontiguousarray(x[near]),
             min(NEAREST, len(self.rules)),
-            self.n_threads,
+            thread_count(),
         )
         agree = local * far[near] > 0.0
         blend = weight[near] * local + (1.0 - weight[near]) * far[near]

@@ -12,6 +12,7 @@ from o3d_sofnn._kernels import reconstruct_units as native_reconstruct_units
 from o3d_sofnn.rules.inference import infer_normals
 from o3d_sofnn.rules.rule_base import RuleBase, fit_rules, joined
 from o3d_sofnn.sampling.local_fit import Neighborhoods
+from o3d_sofnn.threads import thread_count
 
 NOISE_PRECISION = (4.0, 6.0)
 """Precision epsilon divided by the noise level, where that level is mostly shape that the quadrics
@@ -70,7 +71,6 @@ def local_surfaces(
     points: NDArray[np.float64],
     normals: NDArray[np.float64],
     tree: KdTree,
-    n_threads: int,
     precision: float | None = None,
 ) -> tuple[RuleBase, LocalSurfaces]:
     """Reconstruct all units, and divide those that miss the precision (Algorithm 2, step 3).
@@ -80,7 +80,7 @@ def local_surfaces(
 
     Parameters
     ----------
-    rules, points, normals, tree, n_threads, precision
+    rules, points, normals, tree, precision
         As in :func:`reconstruct_units`.
 
     Returns
@@ -90,19 +90,19 @@ def local_surfaces(
     surfaces : LocalSurfaces
         One per rule.
     """
-    surfaces = reconstruct_units(rules, points, normals, tree, n_threads, precision)
+    surfaces = reconstruct_units(rules, points, normals, tree, precision)
     divide = np.flatnonzero(surfaces.unresolved & (rules.n_neighbors >= 2 * SMALLEST))
     if not len(divide):
         return rules, surfaces
     centers = surfaces.worst[divide]
     where = Neighborhoods(
         centers=centers,
-        sides=infer_normals(rules, centers, n_threads)[0],
+        sides=infer_normals(rules, centers)[0],
         n_neighbors=rules.n_neighbors[divide] // 2,
         noise=rules.noise[divide],
     )
-    children = fit_rules(tree, points, normals, where, n_threads, rules.confidence[divide])
-    finer = reconstruct_units(children, points, normals, tree, n_threads, precision)
+    children = fit_rules(tree, points, normals, where, rules.confidence[divide])
+    finer = reconstruct_units(children, points, normals, tree, precision)
     return rules.joined(children), surfaces.joined(finer)
 
 
@@ -111,7 +111,6 @@ def reconstruct_units(
     points: NDArray[np.float64],
     normals: NDArray[np.float64],
     tree: KdTree,
-    n_threads: int,
     precision: float | None = None,
 ) -> LocalSurfaces:
     """Refine the local surface of every rule until it fits its points.
@@ -130,8 +129,6 @@ def reconstruct_units(
         Distinct points and their oriented normals: only points on the side of the unit count.
     tree : KdTree
         Tree of `points`.
-    n_threads : int
-        Number of threads.
     precision : float, optional
         Epsilon of all units, in the unit of `points`. The nearer half of the points, which have
         most of the weight in the fit, decides whether a unit is refined: the others are closer to
@@ -155,11 +152,11 @@ def reconstruct_units(
         tree,
         points,
         normals,
-        rules.view(n_threads),
+        rules.view(),
         rules.n_neighbors,
         own,
         limit,
-        n_threads,
+        thread_count(),
     )
     return LocalSurfaces(
         np.asarray(terms),

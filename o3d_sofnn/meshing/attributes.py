@@ -10,6 +10,7 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree
+from o3d_sofnn.threads import thread_count
 
 if TYPE_CHECKING:
     from o3d_sofnn.results import SurfaceEstimate
@@ -20,7 +21,6 @@ def attribute_weights(
     distinct: NDArray[np.float64],
     inverse: NDArray[np.int64],
     size: float,
-    n_threads: int,
 ) -> scipy.sparse.csr_matrix:
     """Return weights that transfer attributes from points to vertices.
 
@@ -34,8 +34,6 @@ def attribute_weights(
         Index of each point among the distinct positions.
     size : float
         Width of the Gaussian weights.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -44,7 +42,7 @@ def attribute_weights(
     """
     points = distinct[inverse]
     k = min(4, len(points))
-    distance, index = KdTree(points, n_threads).query(vertices, k, np.inf, n_threads)
+    distance, index = KdTree(points, thread_count()).query(vertices, k, np.inf, thread_count())
     weight = np.exp(-0.5 * (distance**2 - distance[:, :1] ** 2) / size**2)
     weight /= weight.sum(axis=1, keepdims=True)
     start = np.arange(0, len(vertices) * k + 1, k)

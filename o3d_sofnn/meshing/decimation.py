@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import decimate as native_decimate
+from o3d_sofnn.threads import thread_count
 
 
 def decimate(
-    vertices: NDArray[np.float64], triangles: NDArray[np.int32], target: int, n_threads: int = 1
+    vertices: NDArray[np.float64], triangles: NDArray[np.int32], target: int
 ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int64]]:
     """Collapse edges of a manifold, keeping its connected components, handles and borders.
 
@@ -25,8 +26,6 @@ def decimate(
         A manifold, with or without borders.
     target : int
         Number of triangles to keep.
-    n_threads : int, default 1
-        Number of threads.
 
     Returns
     -------
@@ -39,7 +38,7 @@ def decimate(
     """
     if target >= len(triangles):
         return vertices, triangles, np.arange(len(vertices))
-    places, fewer, source = native_decimate(vertices, triangles, target, n_threads)
+    places, fewer, source = native_decimate(vertices, triangles, target, thread_count())
     return np.asarray(places), np.asarray(fewer), np.asarray(source, np.int64)
 
 

@@ -32,7 +32,6 @@ def mesh(
     levels: NDArray[np.int64],
     border: Judge | float | None,
     target: int | None,
-    n_threads: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64], Closing | None]:
     """Triangulate a field, and trim and decimate the mesh as the user wants.
 
@@ -49,8 +48,6 @@ def mesh(
         closed surface.
     target : int or None
         Number of triangles to keep; None keeps all.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -66,16 +63,16 @@ def mesh(
     ValueError
         No triangle is left.
     """
-    vertices, triangles = extract(implicit, samples, size, levels, n_threads)
+    vertices, triangles = extract(implicit, samples, size, levels)
     if len(triangles):
-        triangles, used = drop_strays(vertices, triangles, samples, n_threads)
+        triangles, used = drop_strays(vertices, triangles, samples)
         vertices = vertices[used]
     relaxed, confidence = relax(vertices, triangles, implicit)
     moved = sharpen(relaxed, triangles, implicit)
     # Roughness caused by noise is not curvature.
     moved = balance_chords(moved, triangles, 1.0 - implicit.noisiness)
-    vertices = untangle([vertices, relaxed, moved], triangles, n_threads)
-    vertices, triangles, source = open_handles(vertices, triangles, implicit.spacing_at, n_threads)
+    vertices = untangle([vertices, relaxed, moved], triangles)
+    vertices, triangles, source = open_handles(vertices, triangles, implicit.spacing_at)
     confidence = confidence[source]
     closing = None
     values, level = None, 0.0
@@ -88,16 +85,14 @@ def mesh(
     if values is not None:
         values = smoothed(values, level, vertices, triangles, implicit.spacing_at(vertices))
         vertices, triangles, confidence = cut(vertices, triangles, confidence, values, level)
-        triangles, used = drop_strays(vertices, triangles, samples, n_threads)
+        triangles, used = drop_strays(vertices, triangles, samples)
         vertices, confidence = vertices[used], confidence[used]
-        vertices, triangles, used = tidy(
-            vertices, triangles, implicit.spacing_at(vertices), n_threads
-        )
+        vertices, triangles, used = tidy(vertices, triangles, implicit.spacing_at(vertices))
         confidence = confidence[used]
     if not len(triangles):
         reason = "the points are too few or too flat" if border is None else "no data supports it"
         raise ValueError(f"points define no surface at this resolution: {reason}")
     if target is not None:
-        vertices, triangles, source = decimate(vertices, triangles, target, n_threads)
+        vertices, triangles, source = decimate(vertices, triangles, target)
         confidence = confidence[source]
     return vertices, triangles, confidence, closing

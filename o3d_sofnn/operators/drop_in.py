@@ -11,6 +11,7 @@ from o3d_sofnn import adapters, validation
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.operators.surfaces import reconstruct_surface
 from o3d_sofnn.results import SurfaceEstimate
+from o3d_sofnn.threads import thread_count, using_threads
 
 SCALE = 1.1
 """Open3D's default for ``scale``."""
@@ -80,12 +81,11 @@ def create_from_point_cloud_sofnn(
         return_details=True,
         **options,
     )
-    return mesh, o3d.utility.DoubleVector(densities(np.asarray(pcd.points), details, n_threads))
+    with using_threads(n_threads):
+        return mesh, o3d.utility.DoubleVector(densities(np.asarray(pcd.points), details))
 
 
-def densities(
-    points: NDArray[np.float64], details: SurfaceEstimate, n_threads: int = -1
-) -> NDArray[np.float64]:
+def densities(points: NDArray[np.float64], details: SurfaceEstimate) -> NDArray[np.float64]:
     """Return what stands for Poisson's densities at the vertices of a mesh, (m,).
 
     Parameters
@@ -94,8 +94,6 @@ def densities(
         That it was made from.
     details : SurfaceEstimate
         The mesh.
-    n_threads : int, default -1
-        Number of threads.
     """
     inliers = np.ascontiguousarray(points[~details.normals.outliers])
     middle = inliers.mean(axis=0)
@@ -103,9 +101,8 @@ def densities(
     depth = max(np.log2(max(side / details.voxel_size, 1.0)), 1.0)
     found = depth * details.confidence
     far = np.flatnonzero(details.confidence <= 0.0)
-    threads = validation.thread_count(n_threads)
-    tree = KdTree((inliers - middle) / side, threads)
+    tree = KdTree((inliers - middle) / side, thread_count())
     x = np.ascontiguousarray((details.vertices[far] - middle) / side)
-    distance = tree.query(x, 1, np.inf, threads)[0][:, 0]
+    distance = tree.query(x, 1, np.inf, thread_count())[0][:, 0]
     found[far] = -distance * side / details.voxel_size
     return np.asarray(found)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.rules.rule_base import RuleBase
+from o3d_sofnn.threads import thread_count
 
 
 def turn_along(
@@ -17,7 +18,6 @@ def turn_along(
     before: RuleBase,
     after: RuleBase,
     replaced: NDArray[np.bool_],
-    n_threads: int,
 ) -> NDArray[np.float64]:
     """Flip the sides of points whose rule was flipped.
 
@@ -30,8 +30,6 @@ def turn_along(
     replaced : (r,) bool
         Rules whose sign was decided independently of the earlier one: points follow the nearest of
         these, if one is among the four nearest rules.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -41,8 +39,8 @@ def turn_along(
     turned = np.einsum("rd,rd->r", before.normals, after.normals) < 0.0
     if not (turned.any() or replaced.any()):
         return sides
-    tree = KdTree(before.feet, n_threads)
-    index = tree.query(points, min(4, len(before)), np.inf, n_threads)[1]
+    tree = KdTree(before.feet, thread_count())
+    index = tree.query(points, min(4, len(before)), np.inf, thread_count())[1]
     same = np.einsum("nkd,nd->nk", before.normals[index], sides) > 0.0
     first = index[np.arange(len(points)), same.argmax(axis=1)]
     new = index[np.arange(len(points)), replaced[index].argmax(axis=1)]
@@ -51,15 +49,13 @@ def turn_along(
     return np.where(flip[:, None], -sides, sides)
 
 
-def pieces(rules: RuleBase, n_threads: int) -> NDArray[np.int64]:
+def pieces(rules: RuleBase) -> NDArray[np.int64]:
     """Find the connected components of the rule base (rules within each other's radius).
 
     Parameters
     ----------
     rules : RuleBase
         Rules.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -67,8 +63,8 @@ def pieces(rules: RuleBase, n_threads: int) -> NDArray[np.int64]:
         Component of each rule.
     """
     k = min(9, len(rules))
-    tree = KdTree(rules.feet, n_threads)
-    distance, index = tree.query(rules.feet, k, np.inf, n_threads)
+    tree = KdTree(rules.feet, thread_count())
+    distance, index = tree.query(rules.feet, k, np.inf, thread_count())
     near = distance <= np.minimum(rules.radius[:, None], rules.radius[index])
     row, column = np.nonzero(near)
     graph = scipy.sparse.coo_matrix(

@@ -10,6 +10,7 @@ from o3d_sofnn.geometry.neighbors import neighborhood_areas
 from o3d_sofnn.orientation.components import pieces
 from o3d_sofnn.orientation.winding_normals import OPENING
 from o3d_sofnn.rules.rule_base import RuleBase
+from o3d_sofnn.threads import thread_count
 
 PREFERENCE = 0.05
 """Mean winding number on a component below which neither of its sides is the outer one. It is 1/2
@@ -24,7 +25,7 @@ CLOSED = 0.82
 """Share of a component with nothing in front of it above which it counts as closed."""
 
 
-def certainty(rules: RuleBase, settled: bool, n_threads: int) -> NDArray[np.float64]:
+def certainty(rules: RuleBase, settled: bool) -> NDArray[np.float64]:
     """Return how far the winding number falls from behind each rule to its front.
 
     Parameters
@@ -33,8 +34,6 @@ def certainty(rules: RuleBase, settled: bool, n_threads: int) -> NDArray[np.floa
         Oriented rules.
     settled : bool
         Whether the user decided the sides.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -43,32 +42,30 @@ def certainty(rules: RuleBase, settled: bool, n_threads: int) -> NDArray[np.floa
         on parts thinner than two spacings and where neighbours disagree, 0 where the rule faces the
         opposite way to its surroundings and, unless `settled`, where its side is arbitrary.
     """
-    front, behind, on = winding_before(rules, (1.0, -1.0, 0.0), n_threads)
+    front, behind, on = winding_before(rules, (1.0, -1.0, 0.0))
     sure = np.clip(behind - front, 0.0, 1.0)
-    return sure if settled else np.where(_balanced(rules, on, n_threads), 0.0, sure)
+    return sure if settled else np.where(_balanced(rules, on), 0.0, sure)
 
 
-def undecided(rules: RuleBase, n_threads: int) -> NDArray[np.bool_]:
+def undecided(rules: RuleBase) -> NDArray[np.bool_]:
     """Mark rules on connected components that have no outer side.
 
     Parameters
     ----------
     rules : RuleBase
         Oriented rules.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
     (r,) bool
         True where the winding number on the component is as often above zero as below.
     """
-    return _balanced(rules, winding_before(rules, (0.0,), n_threads)[0], n_threads)
+    return _balanced(rules, winding_before(rules, (0.0,))[0])
 
 
-def _balanced(rules: RuleBase, winding: NDArray[np.float64], n_threads: int) -> NDArray[np.bool_]:
+def _balanced(rules: RuleBase, winding: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Mark rules on components whose mean winding number is zero."""
-    piece = pieces(rules, n_threads)
+    piece = pieces(rules)
     level = np.bincount(piece, rules.areas * winding)
     balanced = np.abs(level) < PREFERENCE * np.bincount(piece, rules.areas)
     return np.asarray((balanced & (np.bincount(piece) >= SHEET))[piece])
@@ -83,27 +80,23 @@ AROUND = 16
 spacing, the winding number is no evidence of sides."""
 
 
-def empty_in_front(rules: RuleBase, n_threads: int) -> NDArray[np.bool_]:
+def empty_in_front(rules: RuleBase) -> NDArray[np.bool_]:
     """Mark rules with the winding number of the outside one spacing in front of them.
 
     Parameters
     ----------
     rules : RuleBase
         Oriented rules.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
     (r,) bool
         True nearly everywhere on a closed surface, and on less than half of an open one.
     """
-    return np.asarray(np.abs(winding_before(rules, (1.0,), n_threads)[0]) < 0.25)
+    return np.asarray(np.abs(winding_before(rules, (1.0,))[0]) < 0.25)
 
 
-def winding_before(
-    rules: RuleBase, steps: tuple[float, ...], n_threads: int
-) -> list[NDArray[np.float64]]:
+def winding_before(rules: RuleBase, steps: tuple[float, ...]) -> list[NDArray[np.float64]]:
     """Evaluate the winding number of the rules in front of each of them.
 
     Parameters
@@ -112,8 +105,6 @@ def winding_before(
         Oriented rules.
     steps : tuple of float
         Distances along the normals, in units of the spacing of the surrounding rules.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -121,11 +112,13 @@ def winding_before(
         Winding numbers, one array per step.
     """
     feet, normals = rules.feet, rules.normals
-    index = KdTree(feet, n_threads)
-    area = neighborhood_areas(feet, index, n_threads)
-    near = index.query(feet, min(AROUND, len(feet)), np.inf, n_threads)[1]
+    index = KdTree(feet, thread_count())
+    area = neighborhood_areas(feet, index)
+    near = index.query(feet, min(AROUND, len(feet)), np.inf, thread_count())[1]
     spacing = np.sqrt(np.median(area[near], axis=1))
     tree = WindingTree(feet, area)
     mu = area[:, None] * normals
     places = [np.ascontiguousarray(feet + step * spacing[:, None] * normals) for step in steps]
-    return [np.asarray(tree.winding(mu, x, SMOOTH * spacing, OPENING, n_threads)) for x in places]
+    return [
+        np.asarray(tree.winding(mu, x, SMOOTH * spacing, OPENING, thread_count())) for x in places
+    ]

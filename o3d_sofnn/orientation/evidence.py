@@ -111,7 +111,7 @@ def told(normals: Array | None, viewpoint: Array | None, towards: Array | None) 
     return None
 
 
-def found(points: Array, samples: Samples, frame: Frame, n_threads: int) -> Evidence | None:
+def found(points: Array, samples: Samples, frame: Frame) -> Evidence | None:
     """Find out where the sensor stood.
 
     Parameters
@@ -122,8 +122,6 @@ def found(points: Array, samples: Samples, frame: Frame, n_threads: int) -> Evid
         Samples of these points, in the unit cube.
     frame : Frame
         The unit cube.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -133,7 +131,7 @@ def found(points: Array, samples: Samples, frame: Frame, n_threads: int) -> Evid
     if is_depth_image(points):
         text = "sides: every point faces the origin, where the camera of this depth image stood"
         return Evidence("depth image", text, sight=Station(np.zeros(3)))
-    stations = find_stations(samples, frame.origin, n_threads)
+    stations = find_stations(samples, frame.origin)
     if stations is None:
         return None
     places = frame.outside(np.stack([station.place for station in stations.stations]))
@@ -153,4 +151,4 @@ def _sight(stations: Found, places: Array, frame: Frame) -> Sight:
     discs = stations.discs
     every = np.arange(len(discs.places))
     seen = [~hidden(discs, station, every) for station in stations.stations]
-    return Several(places, frame.outside(discs.places), np.stack(seen), discs.n_threads)
+    return Several(places, frame.outside(discs.places), np.stack(seen))

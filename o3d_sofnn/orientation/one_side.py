@@ -12,6 +12,7 @@ from o3d_sofnn.geometry.neighbors import neighborhood_areas
 from o3d_sofnn.geometry.vectors import even_directions, unit
 from o3d_sofnn.orientation.visibility import DISCS, Discs, Station, hidden
 from o3d_sofnn.rules.rule_base import RuleBase
+from o3d_sofnn.threads import thread_count
 
 Array = NDArray[np.float64]
 
@@ -65,7 +66,7 @@ class View:
     hidden: float
 
 
-def common_view(rules: RuleBase, winding: Array, origin: Array, n_threads: int) -> View | None:
+def common_view(rules: RuleBase, winding: Array, origin: Array) -> View | None:
     """Find a place or a direction to which an open surface shows only one side.
 
     Parameters
@@ -76,8 +77,6 @@ def common_view(rules: RuleBase, winding: Array, origin: Array, n_threads: int) 
         Winding number at the rules.
     origin : (3,) float64
         Origin of the user's coordinates.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -86,8 +85,8 @@ def common_view(rules: RuleBase, winding: Array, origin: Array, n_threads: int) 
     """
     rows = np.linspace(0, len(rules) - 1, min(len(rules), DISCS)).astype(np.int64)
     places = np.ascontiguousarray(rules.feet[rows])
-    areas = neighborhood_areas(places, KdTree(places, n_threads), n_threads)
-    discs = Discs(places, rules.normals[rows], areas, np.sqrt(areas), n_threads)
+    areas = neighborhood_areas(places, KdTree(places, thread_count()))
+    discs = Discs(places, rules.normals[rows], areas, np.sqrt(areas))
     level = np.abs(discs.normals[:, 2]) >= GROUND[0]
     if _is_ground(discs, level, winding[rows]):
         lost = _hidden_share(discs.rows(level), ABOVE, ASKED[1])

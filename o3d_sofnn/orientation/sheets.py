@@ -24,6 +24,7 @@ from o3d_sofnn.orientation.one_side import View, common_view
 from o3d_sofnn.orientation.viewpoint import SURE, seen_sides
 from o3d_sofnn.orientation.visibility import Partly, Station
 from o3d_sofnn.rules.rule_base import RuleBase
+from o3d_sofnn.threads import thread_count
 
 ALIKE = 0.7
 """Smallest cosine between the planes of neighbouring rules that propagate a sign."""
@@ -49,7 +50,7 @@ RISE = 0.7
 
 
 def unify(
-    rules: RuleBase, empty: NDArray[np.bool_], n_threads: int
+    rules: RuleBase, empty: NDArray[np.bool_]
 ) -> tuple[RuleBase, NDArray[np.bool_], NDArray[np.int64]]:
     """Make open sheets consistent, whose sides the winding number cannot decide.
 
@@ -66,8 +67,6 @@ def unify(
         Rules with the signs of the winding number.
     empty : (r,) bool
         Whether there is nothing in front of each rule.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -79,7 +78,7 @@ def unify(
         Number of the sheet that each rule belongs to.
     """
     n, normals, feet = len(rules), rules.normals, rules.feet
-    index = KdTree(feet, n_threads).query(feet, min(9, n), np.inf, n_threads)[1][:, 1:]
+    index = KdTree(feet, thread_count()).query(feet, min(9, n), np.inf, thread_count())[1][:, 1:]
     a, b = np.repeat(np.arange(n), index.shape[1]), index.ravel()
     step = feet[b] - feet[a]
     length = np.maximum(np.linalg.norm(step, axis=1), 1e-300)
@@ -139,7 +138,6 @@ def settle(
     points: NDArray[np.float64],
     doubtful: Evidence | None,
     frame: Frame,
-    n_threads: int,
 ) -> tuple[RuleBase, NDArray[np.float64], Evidence]:
     """Turn open surfaces towards the place they were seen from.
 
@@ -155,8 +153,6 @@ def settle(
         A station that is trusted for open surfaces only.
     frame : Frame
         The unit cube of the rules and points.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -167,32 +163,32 @@ def settle(
     evidence : Evidence
         How the sides were decided.
     """
-    empty = empty_in_front(rules, n_threads)
-    turned, replaced, sheet = unify(rules, empty, n_threads)
-    winding = winding_before(turned, (0.0,), n_threads)[0]
-    is_open = _open_rules(rules, empty, n_threads)
+    empty = empty_in_front(rules)
+    turned, replaced, sheet = unify(rules, empty)
+    winding = winding_before(turned, (0.0,))[0]
+    is_open = _open_rules(rules, empty)
     share = float(rules.areas[is_open].sum() / rules.areas.sum())
     evidence = Evidence("outward", "sides: outward, by the winding number", {"open": share})
     seen = None
     if share > SHARE:
         view = _view_of(doubtful, frame) or common_view(
-            turned.rows(is_open), winding[is_open], frame.origin, n_threads
+            turned.rows(is_open), winding[is_open], frame.origin
         )
         if view is not None:
-            seen = Partly(view.station, turned.feet, is_open, n_threads)
+            seen = Partly(view.station, turned.feet, is_open)
             evidence = _seen(view, share, seen.outside(frame))
             directions = seen.directions(turned.feet)
             if evidence.decided:
-                normals = seen_sides(directions, turned.normals, turned.feet, n_threads)
+                normals = seen_sides(directions, turned.normals, turned.feet)
             else:
                 normals = _sheets_along(directions, turned, sheet)
             turned = turned.facing(normals)
     if not evidence.decided:
-        turned, warnings = face_up(turned, undecided(turned, n_threads))
+        turned, warnings = face_up(turned, undecided(turned))
         evidence = dataclasses.replace(evidence, warnings=warnings)
-    sides = turn_along(sides, points, rules, turned, replaced, n_threads)
+    sides = turn_along(sides, points, rules, turned, replaced)
     if seen is not None and evidence.decided:
-        sides = seen_sides(seen.directions(points), sides, points, n_threads)
+        sides = seen_sides(seen.directions(points), sides, points)
     return turned, sides, evidence
 
 
@@ -214,9 +210,9 @@ def _sheets_along(
     return np.where(turn[:, None], -rules.normals, rules.normals)
 
 
-def _open_rules(rules: RuleBase, empty: NDArray[np.bool_], n_threads: int) -> NDArray[np.bool_]:
+def _open_rules(rules: RuleBase, empty: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Mark rules of open components: those with something in front of them, or too small."""
-    piece, areas = pieces(rules, n_threads), rules.areas
+    piece, areas = pieces(rules), rules.areas
     closed = np.bincount(piece, areas * empty) / np.bincount(piece, areas)
     return np.asarray((closed < CLOSED)[piece] | (np.bincount(piece) < SHEET)[piece])
 

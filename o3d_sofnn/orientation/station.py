@@ -12,6 +12,7 @@ from o3d_sofnn.geometry.vectors import even_directions
 from o3d_sofnn.orientation.density import Density, Fit, spread_of
 from o3d_sofnn.orientation.visibility import DISCS, Discs, Station, hidden, jumps
 from o3d_sofnn.sampling.outliers import Samples
+from o3d_sofnn.threads import thread_count
 
 Array = NDArray[np.float64]
 
@@ -120,7 +121,7 @@ class Found:
         return self.hidden <= SURELY
 
 
-def find_stations(samples: Samples, origin: Array, n_threads: int) -> Found | None:
+def find_stations(samples: Samples, origin: Array) -> Found | None:
     """Find the places from which scanners would produce the density of the points.
 
     A scanner sends out its rays uniformly: the area that one point covers, multiplied by the cosine
@@ -135,15 +136,13 @@ def find_stations(samples: Samples, origin: Array, n_threads: int) -> Found | No
         The points.
     origin : (3,) float64
         Origin of the user's coordinates, in those of the samples.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
     Found or None
         None if the density is uniform, or if no station explains it and sees the surface.
     """
-    some = Discs.of(samples, ASKED, n_threads)
+    some = Discs.of(samples, ASKED)
     raw = spread_of(np.log(some.areas))
     if raw < UNEVEN[0]:
         return None
@@ -159,7 +158,7 @@ def find_stations(samples: Samples, origin: Array, n_threads: int) -> Found | No
         several = int(count > 1)
         if fits[0].spread > EXPLAINED[several] * raw:
             continue
-        discs = discs or Discs.of(samples, DISCS, n_threads)
+        discs = discs or Discs.of(samples, DISCS)
         best = _most_seen(fits, densities, discs)
         if best and best.hidden <= (SURELY if several else HIDDEN):
             found.append(replace(best, left=best.left / raw))
@@ -252,6 +251,6 @@ def _surrounds(discs: Discs, place: Array, n_directions: int, distance: float) -
     -------
     bool
     """
-    tree = KdTree(Station(place).image(discs.places), discs.n_threads)
+    tree = KdTree(Station(place).image(discs.places), thread_count())
     ways = even_directions(n_directions)
-    return bool((tree.query(ways, 1, np.inf, discs.n_threads)[0] <= distance).all())
+    return bool((tree.query(ways, 1, np.inf, thread_count())[0] <= distance).all())

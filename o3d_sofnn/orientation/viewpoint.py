@@ -11,6 +11,7 @@ from o3d_sofnn.orientation.winding_normals import (
     orient_points,
 )
 from o3d_sofnn.sampling.outliers import Samples
+from o3d_sofnn.threads import thread_count
 
 LEANING = 0.5
 """Largest weight of the winding number's normal relative to a normal from the rules: more would
@@ -27,7 +28,6 @@ def seen_sides(
     directions: NDArray[np.float64],
     sides: NDArray[np.float64],
     places: NDArray[np.float64],
-    n_threads: int,
 ) -> NDArray[np.float64]:
     """Turn normals towards the place they were seen from.
 
@@ -41,8 +41,6 @@ def seen_sides(
         Unit normals, consistent with each other.
     places : (n, 3) float64
         Positions of the normals.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -54,9 +52,9 @@ def seen_sides(
     sure = np.abs(cosine) >= SURE
     weak = ~sure & (directions != 0.0).any(axis=1)
     if sure.any() and weak.any():
-        tree = KdTree(np.ascontiguousarray(places[sure]), n_threads)
+        tree = KdTree(np.ascontiguousarray(places[sure]), thread_count())
         asked = np.ascontiguousarray(places[weak])
-        near = tree.query(asked, min(VOTERS, tree.size), np.inf, n_threads)[1]
+        near = tree.query(asked, min(VOTERS, tree.size), np.inf, thread_count())[1]
         turn[weak] = turn[sure][near].mean(axis=1) > 0.5
     return np.where(turn[:, None], -sides, sides)
 
@@ -95,7 +93,6 @@ def find_sides(
     samples: Samples,
     normals: NDArray[np.float64] | None,
     directions: NDArray[np.float64] | None,
-    n_threads: int,
 ) -> NDArray[np.float64]:
     """Give every sample a side, from the caller or from the winding number.
 
@@ -110,8 +107,6 @@ def find_sides(
         Known normals of any length.
     directions : (m, 3) float64 or None
         Vectors of any length from each point to where it was seen from.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -122,7 +117,7 @@ def find_sides(
         return unit(normals)
     scale = samples.scale
     level, spacing = float(np.median(scale.noise)), float(np.median(scale.spacing))
-    sides = orient_points(samples.points, level, spacing, n_threads)
+    sides = orient_points(samples.points, level, spacing)
     if directions is None:
         return sides
-    return unit(seen_sides(directions, sides, samples.points, n_threads) + unit(directions))
+    return unit(seen_sides(directions, sides, samples.points) + unit(directions))

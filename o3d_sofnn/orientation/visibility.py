@@ -12,6 +12,7 @@ from o3d_sofnn._kernels import KdTree, fit_scales
 from o3d_sofnn.geometry.frame import Frame
 from o3d_sofnn.geometry.vectors import unit
 from o3d_sofnn.sampling.local_fit import spacing_of
+from o3d_sofnn.threads import thread_count
 
 if TYPE_CHECKING:
     from o3d_sofnn.sampling.outliers import Samples
@@ -54,30 +55,29 @@ class Discs:
         Area that one point of the cloud covers there.
     reach : (p,) float64
         Radius of the disc: the distance between neighbouring discs.
-    n_threads : int
-        Number of threads.
     """
 
     places: Array
     normals: Array
     areas: Array
     reach: Array
-    n_threads: int
 
     @classmethod
-    def of(cls, samples: Samples, count: int, n_threads: int) -> Discs:
+    def of(cls, samples: Samples, count: int) -> Discs:
         """Fit discs at `count` of the samples."""
         n = len(samples.points)
         rows = np.linspace(0, n - 1, min(n, count)).astype(np.int64)
         places = np.ascontiguousarray(samples.points[rows])
         sizes = np.unique(np.minimum(SIZES, n))
-        normals, _, radius, _ = fit_scales(samples.tree, samples.points, places, sizes, n_threads)
-        wanted = samples.scale.n_neighbors[samples.scale.at(places, n_threads)]
+        normals, _, radius, _ = fit_scales(
+            samples.tree, samples.points, places, sizes, thread_count()
+        )
+        wanted = samples.scale.n_neighbors[samples.scale.at(places)]
         column = np.minimum(np.searchsorted(sizes, wanted), len(sizes) - 1)
         row = np.arange(len(places))
         areas = spacing_of(radius[row, column], sizes[column]) ** 2
         reach = np.sqrt(areas * (n / len(rows)))
-        return cls(places, normals[row, column], areas, reach, n_threads)
+        return cls(places, normals[row, column], areas, reach)
 
     def rows(self, mask: NDArray[np.bool_]) -> Discs:
         """Return the discs in a mask, (p,) bool."""
@@ -86,7 +86,6 @@ class Discs:
             self.normals[mask],
             self.areas[mask],
             self.reach[mask],
-            self.n_threads,
         )
 
 
@@ -151,24 +150,21 @@ class Partly:
         Places on the surface.
     seen : (p,) bool
         Which of them are seen.
-    n_threads : int
-        Number of threads.
     """
 
     station: Station
     surface: Array
     seen: NDArray[np.bool_]
-    n_threads: int
 
     def directions(self, x: Array) -> Array:
         """See :class:`Sight`; zero where the nearest place on the surface is not seen."""
-        nearest = _nearest(self.surface, x, self.n_threads)
+        nearest = _nearest(self.surface, x)
         return np.where(self.seen[nearest, None], self.station.directions(x), 0.0)
 
     def outside(self, frame: Frame) -> Partly:
         """Return the same in the user's coordinates."""
         surface = frame.outside(self.surface)
-        return Partly(self.station.outside(frame), surface, self.seen, self.n_threads)
+        return Partly(self.station.outside(frame), surface, self.seen)
 
 
 @dataclass(frozen=True)
@@ -183,18 +179,15 @@ class Several:
         Places on the surface.
     seen : (k, p) bool
         Whether each place on the surface is seen from each station.
-    n_threads : int
-        Number of threads.
     """
 
     places: Array
     surface: Array
     seen: NDArray[np.bool_]
-    n_threads: int
 
     def directions(self, x: Array) -> Array:
         """See :class:`Sight`: the mean direction of the rays that hit a place."""
-        seen = self.seen[:, _nearest(self.surface, x, self.n_threads)]
+        seen = self.seen[:, _nearest(self.surface, x)]
         seen = seen | ~seen.any(axis=0)
         total = np.zeros(x.shape)
         for place, rows in zip(self.places, seen, strict=True):
@@ -203,9 +196,9 @@ class Several:
         return total
 
 
-def _nearest(surface: Array, x: Array, n_threads: int) -> NDArray[np.int64]:
-    tree = KdTree(np.ascontiguousarray(surface), n_threads)
-    return np.asarray(tree.query(np.ascontiguousarray(x), 1, np.inf, n_threads)[1][:, 0])
+def _nearest(surface: Array, x: Array) -> NDArray[np.int64]:
+    tree = KdTree(np.ascontiguousarray(surface), thread_count())
+    return np.asarray(tree.query(np.ascontiguousarray(x), 1, np.inf, thread_count())[1][:, 0])
 
 
 def hidden(discs: Discs, station: Station, asked: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -227,9 +220,9 @@ def hidden(discs: Discs, station: Station, asked: NDArray[np.int64]) -> NDArray[
         front of the tested disc than neighbours on the same surface.
     """
     image = station.image(discs.places)
-    tree = KdTree(image, discs.n_threads)
+    tree = KdTree(image, thread_count())
     count = min(IMAGE + 1, len(image))
-    index = tree.query(np.ascontiguousarray(image[asked]), count, np.inf, discs.n_threads)[1]
+    index = tree.query(np.ascontiguousarray(image[asked]), count, np.inf, thread_count())[1]
     index = index[:, 1:]
     places, rays = discs.places[asked], station.directions(discs.places[asked])
     length = np.linalg.norm(rays, axis=1)
@@ -265,7 +258,7 @@ def jumps(discs: Discs, place: Array) -> float:
     """
     image = Station(place).image(discs.places)
     count = min(BESIDE + 1, len(image))
-    beside = KdTree(image, discs.n_threads).query(image, count, np.inf, discs.n_threads)[1][:, 1:]
+    beside = KdTree(image, thread_count()).query(image, count, np.inf, thread_count())[1][:, 1:]
     step = discs.places[beside] - discs.places[:, None]
     length = np.maximum(np.linalg.norm(step, axis=2), 1e-300)
     across = np.minimum(

@@ -11,6 +11,7 @@ from o3d_sofnn._kernels import KdTree, WindingLists, WindingTree
 from o3d_sofnn.geometry.vectors import unit
 from o3d_sofnn.sampling.cells import build_octree
 from o3d_sofnn.sampling.normalization import RESOLUTION
+from o3d_sofnn.threads import thread_count
 
 Array = NDArray[np.float64]
 
@@ -35,9 +36,7 @@ NARROWING = 5
 """Number of iterations from the coarse to the fine width."""
 
 
-def winding_number_normals(
-    x: Array, areas: Array, coarse: Array, fine: Array, n_threads: int
-) -> Array:
+def winding_number_normals(x: Array, areas: Array, coarse: Array, fine: Array) -> Array:
     """Find normals whose winding number is one half on the surface and whose gradient they are.
 
     This combines two published methods. Lin et al., "Surface reconstruction from point clouds
@@ -57,8 +56,6 @@ def winding_number_normals(
     coarse, fine : (m,) float64
         Smoothing width at each position until the sides have settled, and at the end, in the unit
         of the points.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -68,7 +65,7 @@ def winding_number_normals(
     order = np.asarray(WindingTree(x, np.ones(len(x))).order())
     sorted_x, coarse, fine = np.ascontiguousarray(x[order]), coarse[order], fine[order]
     tree = WindingTree(sorted_x, np.ones(len(x)))
-    samples = _Samples(tree, tree.lists(sorted_x, OPENING, n_threads), n_threads)
+    samples = _Samples(tree, tree.lists(sorted_x, OPENING, thread_count()))
     half = np.full(len(x), 0.5)
     solved = SOLVED**2 * float((samples.descent(half, coarse) ** 2).sum())
     mu = np.zeros_like(sorted_x)
@@ -96,15 +93,14 @@ class _Samples:
 
     tree: WindingTree
     lists: WindingLists
-    n_threads: int
 
     def winding(self, mu: Array, width: Array) -> Array:
         """Return the winding number at the samples: ``A mu``."""
-        return np.asarray(self.tree.winding_at(mu, self.lists, width, self.n_threads))
+        return np.asarray(self.tree.winding_at(mu, self.lists, width, thread_count()))
 
     def descent(self, error: Array, width: Array) -> Array:
         """Return the negative gradient of half the squared error: ``A.T`` times the error."""
-        return -np.asarray(self.tree.adjoint_at(error, self.lists, width, self.n_threads))
+        return -np.asarray(self.tree.adjoint_at(error, self.lists, width, thread_count()))
 
     def descend(self, mu: Array, width: Array, steps: int, solved: float) -> Array:
         """Move the winding number towards one half, then take the directions of its gradient."""
@@ -125,7 +121,7 @@ class _Samples:
             if square < solved:
                 break
             direction = descent + square / before * direction
-        gradient = np.asarray(self.tree.gradient_at(mu, self.lists, width, self.n_threads)[1])
+        gradient = np.asarray(self.tree.gradient_at(mu, self.lists, width, thread_count())[1])
         return np.asarray(np.linalg.norm(mu, axis=1, keepdims=True) * unit(gradient))
 
 
@@ -155,9 +151,7 @@ BLUR = 3.8
 """Smoothing width of the gradient at the points, divided by the noise."""
 
 
-def orient_points(
-    points: NDArray[np.float64], noise: float, spacing: float, n_threads: int
-) -> NDArray[np.float64]:
+def orient_points(points: NDArray[np.float64], noise: float, spacing: float) -> NDArray[np.float64]:
     """Find outward normals at all points by a global criterion alone.
 
     The winding number normals of evenly chosen representatives define a smooth winding number; its
@@ -172,8 +166,6 @@ def orient_points(
         Standard deviation of the points from the surface.
     spacing : float
         Edge of the square that one point covers.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -181,13 +173,13 @@ def orient_points(
         Unit normals; on an open sheet without a preferred side, their sign is arbitrary.
     """
     x, stands = representatives(points, noise / spacing)
-    tree = KdTree(x, n_threads)
-    distance = regional_spacing(x, tree, n_threads)
+    tree = KdTree(x, thread_count())
+    distance = regional_spacing(x, tree)
     coarse, fine = (np.hypot(a * distance, b * noise) for a, b in (COARSE, FINE))
-    mu = winding_number_normals(x, distance**2, coarse, fine, n_threads)
+    mu = winding_number_normals(x, distance**2, coarse, fine)
     sources = WindingTree(x, np.linalg.norm(mu, axis=1))
     width = np.maximum(fine, BLUR * noise)[stands]
-    return unit(np.asarray(sources.gradient(mu, points, width, OPENING, n_threads)[1]))
+    return unit(np.asarray(sources.gradient(mu, points, width, OPENING, thread_count())[1]))
 
 
 def representatives(
@@ -224,7 +216,7 @@ def representatives(
     return np.add.reduceat(cells.points, cells.offsets[:-1]) / count[:, None], stands
 
 
-def regional_spacing(x: NDArray[np.float64], tree: KdTree, n_threads: int) -> NDArray[np.float64]:
+def regional_spacing(x: NDArray[np.float64], tree: KdTree) -> NDArray[np.float64]:
     """Find the spacing of samples in their region.
 
     Parameters
@@ -233,16 +225,14 @@ def regional_spacing(x: NDArray[np.float64], tree: KdTree, n_threads: int) -> ND
         Samples in Morton order.
     tree : KdTree
         Tree of `x`.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
     (m,) float64
         Regional median of the median distance to the four nearest samples.
     """
-    near = np.median(tree.query(x, min(5, len(x)), np.inf, n_threads)[0][:, 1:], axis=1)
+    near = np.median(tree.query(x, min(5, len(x)), np.inf, thread_count())[0][:, 1:], axis=1)
     places = np.ascontiguousarray(x[::SAMPLED])
-    region = tree.query(places, min(REGION, len(x)), np.inf, n_threads)[1]
-    nearest = KdTree(places, n_threads).query(x, 1, np.inf, n_threads)[1][:, 0]
+    region = tree.query(places, min(REGION, len(x)), np.inf, thread_count())[1]
+    nearest = KdTree(places, thread_count()).query(x, 1, np.inf, thread_count())[1][:, 0]
     return np.asarray(np.maximum(np.median(near[region], axis=1), RESOLUTION)[nearest])

@@ -13,6 +13,7 @@ from o3d_sofnn.rules.trust import Experience
 from o3d_sofnn.sampling.local_fit import Neighborhoods, sides_around
 from o3d_sofnn.sampling.outliers import Samples
 from o3d_sofnn.sampling.scales.choice import Limits
+from o3d_sofnn.threads import thread_count
 
 ERROR = 3.0
 """System error, divided by the tolerance, above which a new rule is considered."""
@@ -57,7 +58,6 @@ def generate(
     rules: RuleBase,
     points: NDArray[np.float64],
     residual: NDArray[np.float64],
-    n_threads: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
     """Find where new rules are needed: where the error is too large and no rule is near.
 
@@ -69,16 +69,14 @@ def generate(
         Distinct points.
     residual : (n,) float64
         System error of each point.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
     centers, n_neighbors, noise
         Arguments of :func:`o3d_sofnn.rules.rule_base.fit_rules` for the new rules only.
     """
-    tree = KdTree(rules.centers, n_threads)
-    distance, index = tree.query(points, 1, np.inf, n_threads)
+    tree = KdTree(rules.centers, thread_count())
+    distance, index = tree.query(points, 1, np.inf, thread_count())
     d_min, nearest = distance[:, 0], index[:, 0]
     size, radius = rules.n_neighbors[nearest], rules.radius[nearest]
     new = (np.abs(residual) > ERROR * rules.tolerance[nearest]) & (
@@ -151,15 +149,13 @@ def discard(rules: RuleBase) -> RuleBase:
     return rules.rows(keep) if keep.any() else rules
 
 
-def combine(rules: RuleBase, n_threads: int) -> RuleBase:
+def combine(rules: RuleBase) -> RuleBase:
     """Combine rules with similar membership functions; of two, the one that fits better is kept.
 
     Parameters
     ----------
     rules : RuleBase
         Oriented rules.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -167,8 +163,8 @@ def combine(rules: RuleBase, n_threads: int) -> RuleBase:
     """
     if len(rules) < 2:
         return rules
-    tree = KdTree(rules.centers, n_threads)
-    distance, index = tree.query(rules.centers, 2, np.inf, n_threads)
+    tree = KdTree(rules.centers, thread_count())
+    distance, index = tree.query(rules.centers, 2, np.inf, thread_count())
     row = np.arange(len(rules))
     other = np.where(index[:, 0] == row, index[:, 1], index[:, 0])
     normals = rules.normals
@@ -180,7 +176,7 @@ def combine(rules: RuleBase, n_threads: int) -> RuleBase:
     return rules.rows(~(alike & near & mutual & worse))
 
 
-def adjust(rules: RuleBase, points: NDArray[np.float64], n_threads: int) -> RuleBase:
+def adjust(rules: RuleBase, points: NDArray[np.float64]) -> RuleBase:
     """Adjust the consequents by gradient descent on the squared network output at the points.
 
     The output, eq. (7), of the blended signed distances is zero on the surface. Its derivative with
@@ -193,8 +189,6 @@ def adjust(rules: RuleBase, points: NDArray[np.float64], n_threads: int) -> Rule
         Oriented rules.
     points : (n, 3) float64
         Points on the surface.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -202,7 +196,7 @@ def adjust(rules: RuleBase, points: NDArray[np.float64], n_threads: int) -> Rule
         The same rules, moved along their normals.
     """
     k = min(NEAREST, len(rules))
-    gradient, share = consequent_errors(rules.view(n_threads), points, k, n_threads)
+    gradient, share = consequent_errors(rules.view(), points, k, thread_count())
     step = RATE * gradient / np.maximum(share, 1e-12)
     return rules.raised(step)
 
@@ -213,7 +207,6 @@ def grow(
     sides: NDArray[np.float64],
     limits: Limits,
     experience: Experience | None,
-    n_threads: int,
 ) -> RuleBase:
     """Learn the structure of the rule base: generate, reshape, combine, refit, adjust.
 
@@ -229,34 +222,28 @@ def grow(
         Largest neighbourhood allowed.
     experience : Experience or None
         Off-line rules.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
     RuleBase
     """
     tree, points = samples.tree, samples.points
-    normals, _, residual = infer_normals(
-        rules, points, n_threads, sides=sides, experience=experience
-    )
-    facing = sides_around(rules.centers, rules.normals, normals, tree, n_threads)
-    centers, count, noise = generate(rules, points, residual, n_threads)
-    side = infer_normals(rules, centers, n_threads)[0]
+    normals, _, residual = infer_normals(rules, points, sides=sides, experience=experience)
+    facing = sides_around(rules.centers, rules.normals, normals, tree)
+    centers, count, noise = generate(rules, points, residual)
+    side = infer_normals(rules, centers)[0]
     size, across, stretch = reshape(rules, limits.max_nn, limits.radius)
     places = np.concatenate([rules.feet, centers])
     where = Neighborhoods(
         centers=places,
         sides=np.concatenate([facing, side]),
-        n_neighbors=samples.scale.enough(np.concatenate([size, count]), places, n_threads),
+        n_neighbors=samples.scale.enough(np.concatenate([size, count]), places),
         noise=np.concatenate([rules.noise, noise]),
         across=np.concatenate([across, np.zeros_like(centers)]),
         stretch=np.concatenate([stretch, np.ones(len(centers))]),
     )
-    rules = combine(discard(fit_rules(tree, points, normals, where, n_threads)), n_threads)
-    read = read_normals(rules, points, n_threads)
-    normals[read] = infer_normals(
-        rules, points[read], n_threads, sides=sides[read], experience=experience
-    )[0]
-    rules = discard(revise(rules, tree, points, normals, n_threads))
-    return adjust(rules, points, n_threads)
+    rules = combine(discard(fit_rules(tree, points, normals, where)))
+    read = read_normals(rules, points)
+    normals[read] = infer_normals(rules, points[read], sides=sides[read], experience=experience)[0]
+    rules = discard(revise(rules, tree, points, normals))
+    return adjust(rules, points)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import infer_normals as native_infer_normals
 from o3d_sofnn.rules.rule_base import RuleBase
 from o3d_sofnn.rules.trust import Experience
+from o3d_sofnn.threads import thread_count
 
 NEAREST = 12
 """Number of rules that take part in the inference at one query."""
@@ -16,7 +17,6 @@ NEAREST = 12
 def infer_normals(
     rules: RuleBase,
     x: NDArray[np.float64],
-    n_threads: int,
     *,
     sides: NDArray[np.float64] | None = None,
     k: int = NEAREST,
@@ -34,8 +34,6 @@ def infer_normals(
         Oriented rules.
     x : (n, 3) float64
         Queries.
-    n_threads : int
-        Number of threads.
     sides : (n, 3) float64, optional
         Unit vectors that point out of the surface at each query; (0, 0, 0) where unknown. The
         membership then includes a Gaussian in the angle to the normal of the rule: on parts hardly
@@ -56,8 +54,8 @@ def infer_normals(
     """
     gates = None if experience is None else experience.gates(rules)
     neurons = None if experience is None else experience.neurons
-    view = rules.view(n_threads, gates, neurons)
+    view = rules.view(gates, neurons)
     normals, agreement, residual = native_infer_normals(
-        view, x, sides, min(k, len(rules)), n_threads
+        view, x, sides, min(k, len(rules)), thread_count()
     )
     return np.asarray(normals), np.asarray(agreement), np.asarray(residual)

@@ -11,6 +11,7 @@ from o3d_sofnn.rules.inference import infer_normals
 from o3d_sofnn.rules.rule_base import RuleBase
 from o3d_sofnn.rules.trust import Experience
 from o3d_sofnn.sampling.outliers import COMPANY, Samples
+from o3d_sofnn.threads import thread_count
 
 CREDIBLE = 0.3
 """Smallest support of rules that are used to measure distances from the surface."""
@@ -35,7 +36,7 @@ outlier. In between, it depends on how many points there are."""
 
 
 def distance_along_surface(
-    rules: RuleBase, points: NDArray[np.float64], sides: NDArray[np.float64], n_threads: int
+    rules: RuleBase, points: NDArray[np.float64], sides: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Measure the distance of points from the rules that are nearest along the surface.
 
@@ -50,8 +51,6 @@ def distance_along_surface(
         Rules fitted with sides.
     points, sides : (m, 3) float64
         Points and their unit normals, which give their sides.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -61,14 +60,13 @@ def distance_along_surface(
     credible = rules.support >= CREDIBLE
     asked = rules.rows(credible) if credible.any() else rules
     asked = replace(asked, noise=LOOSE * asked.noise, residual=LOOSE * asked.residual)
-    return np.abs(infer_normals(asked, points, n_threads, sides=sides)[2])
+    return np.abs(infer_normals(asked, points, sides=sides)[2])
 
 
 def off_surface(
     residual: NDArray[np.float64],
     distance: NDArray[np.float64],
     samples: Samples,
-    n_threads: int,
 ) -> NDArray[np.bool_]:
     """Mark points that are too far from the surface of the rules.
 
@@ -85,8 +83,6 @@ def off_surface(
         :func:`distance_along_surface`.
     samples : Samples
         The m points.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -94,7 +90,7 @@ def off_surface(
         True for outliers.
     """
     points, scale = samples.points, samples.scale
-    pilot = scale.at(points, n_threads)
+    pilot = scale.at(points)
     noise, spacing = np.maximum(scale.noise[pilot], 1e-12), scale.spacing[pilot]
     volume = max(float(np.prod(np.ptp(points, axis=0))), 1e-12)
     rare = (len(samples.kept) - samples.kept.sum()) / volume
@@ -106,7 +102,7 @@ def off_surface(
     doubtful = np.flatnonzero(off)
     if len(doubtful):
         k = min(COMPANY + 1, len(points))
-        around = samples.tree.query(points[doubtful], k, np.inf, n_threads)[1][:, 1:]
+        around = samples.tree.query(points[doubtful], k, np.inf, thread_count())[1][:, 1:]
         off[doubtful] = off[around].mean(axis=1) < 0.5
     return np.asarray(off)
 
@@ -116,7 +112,6 @@ def beside_surface(
     samples: Samples,
     sides: NDArray[np.float64],
     experience: Experience | None,
-    n_threads: int,
 ) -> NDArray[np.bool_]:
     """Mark samples that are outliers according to the rules.
 
@@ -130,8 +125,6 @@ def beside_surface(
         Unit normals of the samples, which give their sides.
     experience : Experience or None
         Off-line rules.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -139,6 +132,6 @@ def beside_surface(
         True for outliers.
     """
     points = samples.points
-    residual = infer_normals(rules, points, n_threads, sides=sides, experience=experience)[2]
-    along = distance_along_surface(rules, points, sides, n_threads)
-    return off_surface(residual, along, samples, n_threads)
+    residual = infer_normals(rules, points, sides=sides, experience=experience)[2]
+    along = distance_along_surface(rules, points, sides)
+    return off_surface(residual, along, samples)

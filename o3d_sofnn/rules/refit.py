@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.rules.rule_base import RuleBase, fit_rules
 from o3d_sofnn.sampling.local_fit import RADIUS, Neighborhoods
+from o3d_sofnn.threads import thread_count
 
 UNDISPUTED = 0.95
 """Share of the neighbourhood facing the side of a rule above which all of it belongs there."""
@@ -18,7 +19,6 @@ def revise(
     tree: KdTree,
     points: NDArray[np.float64],
     normals: NDArray[np.float64],
-    n_threads: int,
 ) -> RuleBase:
     """Fit rules beside edges and other sheets again, with the inferred normals.
 
@@ -33,8 +33,6 @@ def revise(
         Over `points`.
     points, normals : (n, 3) float64
         Distinct points, and the normals inferred at those that :func:`read_normals` marks.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -46,17 +44,17 @@ def revise(
         return rules
     again = rules.rows(disputed)
     # A rule between two faces joins one of them; its own normal may lie between theirs.
-    side = normals[tree.query(again.feet, 1, np.inf, n_threads)[1][:, 0]]
+    side = normals[tree.query(again.feet, 1, np.inf, thread_count())[1][:, 0]]
     same = np.einsum("rd,rd->r", side, again.normals) > 0.0
     side = np.where(same[:, None], side, again.normals)
     where = Neighborhoods(
         again.feet, side, again.n_neighbors, again.noise, again.ellipses[0], again.stretch
     )
-    fits = fit_rules(tree, points, normals, where, n_threads, again.confidence)
+    fits = fit_rules(tree, points, normals, where, again.confidence)
     return rules.rows(~disputed).joined(fits)
 
 
-def read_normals(rules: RuleBase, points: NDArray[np.float64], n_threads: int) -> NDArray[np.bool_]:
+def read_normals(rules: RuleBase, points: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Mark the points whose normals :func:`revise` reads, and some others around them.
 
     Parameters
@@ -65,8 +63,6 @@ def read_normals(rules: RuleBase, points: NDArray[np.float64], n_threads: int) -
         Rules fitted to `points`.
     points : (n, 3) float64
         Distinct points.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -79,7 +75,9 @@ def read_normals(rules: RuleBase, points: NDArray[np.float64], n_threads: int) -
     moved = np.linalg.norm(again.feet - again.centers, axis=1)
     reach = np.sqrt(again.stretch) * again.radius / RADIUS + moved
     widest = np.full(len(points), 1.001 * reach.max())  # the margin exceeds the rounding of radii
-    return np.asarray(KdTree(again.feet, n_threads).crowded(points, 1, widest, n_threads), bool)
+    return np.asarray(
+        KdTree(again.feet, thread_count()).crowded(points, 1, widest, thread_count()), bool
+    )
 
 
 def _disputed(rules: RuleBase) -> NDArray[np.bool_]:

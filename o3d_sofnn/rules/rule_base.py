@@ -17,6 +17,7 @@ from o3d_sofnn.sampling.local_fit import (
     spacing_of,
 )
 from o3d_sofnn.sampling.typical_data import RULES_PER_NEIGHBORHOOD
+from o3d_sofnn.threads import thread_count
 
 
 def fit_rules(
@@ -24,14 +25,13 @@ def fit_rules(
     points: NDArray[np.float64],
     normals: NDArray[np.float64],
     where: Neighborhoods,
-    n_threads: int,
     confidence: NDArray[np.float64] | None = None,
 ) -> RuleBase:
     """Make a rule of each local fit (Algorithm 1, steps 3 and 5).
 
     Parameters
     ----------
-    tree, points, normals, where, n_threads
+    tree, points, normals, where
         As in :func:`o3d_sofnn.sampling.local_fit.fit_quadrics`.
     confidence : (r,) float64, optional
         Confidence in the sides, stored with the rules; 1 if not given.
@@ -40,7 +40,7 @@ def fit_rules(
     -------
     RuleBase
     """
-    quadrics = fit_quadrics(tree, points, normals, where, n_threads)
+    quadrics = fit_quadrics(tree, points, normals, where)
     confidence = np.ones(len(quadrics)) if confidence is None else confidence
     return RuleBase(**vars(quadrics), noise=where.noise, confidence=confidence)
 
@@ -147,7 +147,6 @@ class RuleBase(Quadrics):
 
     def view(
         self,
-        n_threads: int,
         gates: NDArray[np.float64] | None = None,
         neurons: NDArray[np.float64] | None = None,
         trust: NDArray[np.float64] | None = None,
@@ -156,8 +155,6 @@ class RuleBase(Quadrics):
 
         Parameters
         ----------
-        n_threads : int
-            Number of threads.
         gates, neurons : (r, m, 2) and (m, 3, 3) float64, optional
             Part of the off-line rules that depends on the rule, and part that depends on the query.
         trust : (r,) float64, optional
@@ -177,7 +174,7 @@ class RuleBase(Quadrics):
             self.quality if trust is None else self.quality * trust,
             gates,
             neurons,
-            n_threads,
+            thread_count(),
         )
 
     def rows(self, index: NDArray[np.bool_]) -> RuleBase:

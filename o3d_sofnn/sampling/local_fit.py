@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn._kernels import fit_quadrics as native_fit_quadrics
 from o3d_sofnn.geometry.vectors import unit
+from o3d_sofnn.threads import thread_count
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -136,7 +137,6 @@ def fit_quadrics(
     points: NDArray[np.float64],
     normals: NDArray[np.float64],
     where: Neighborhoods,
-    n_threads: int,
 ) -> Quadrics:
     """Fit one quadric around each centre (Algorithm 1, steps 3 and 5).
 
@@ -150,8 +150,6 @@ def fit_quadrics(
         two sides of a thin sheet and the two faces of an edge are kept apart.
     where : Neighborhoods
         The r fits to make.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -170,7 +168,7 @@ def fit_quadrics(
         where.sides,
         where.across,
         stretch,
-        n_threads,
+        thread_count(),
     )
     quadrics = Quadrics(
         centers=where.centers,
@@ -190,7 +188,6 @@ def sides_around(
     facing: NDArray[np.float64],
     normals: NDArray[np.float64],
     tree: KdTree,
-    n_threads: int,
 ) -> NDArray[np.float64]:
     """Average the normals of the nearest points that face the same way, or of all if none does.
 
@@ -202,15 +199,13 @@ def sides_around(
         Unit normals of the points.
     tree : KdTree
         Tree of the points.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
     (m, 3) float64
         Unit normals.
     """
-    distance, index = tree.query(x, min(NEAREST, len(normals)), np.inf, n_threads)
+    distance, index = tree.query(x, min(NEAREST, len(normals)), np.inf, thread_count())
     around = normals[index]
     same = np.maximum(np.einsum("mkd,md->mk", around, facing), 1e-6)
     width = np.maximum(distance[:, 1 % distance.shape[1]], 1e-300)[:, None]

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree, fit_scales
 from o3d_sofnn.sampling.scales.choice import Limits, Scale, choose_scale
+from o3d_sofnn.threads import thread_count
 
 COMPANY = 8
 """Number of neighbours that are examined."""
@@ -59,31 +60,30 @@ class Samples:
     kept: NDArray[np.bool_]
     sight: NDArray[np.float64] | None = None
 
-    def parted(self, off: NDArray[np.bool_], n_threads: int) -> Samples:
+    def parted(self, off: NDArray[np.bool_]) -> Samples:
         """Leave out the points in a mask, (m,) bool; keep the scale."""
         kept = self.kept.copy()
         kept[kept] = ~off
         points = np.ascontiguousarray(self.points[~off])
         sight = None if self.sight is None else self.sight[~off]
-        return Samples(points, KdTree(points, n_threads), self.scale, kept, sight)
+        return Samples(points, KdTree(points, thread_count()), self.scale, kept, sight)
 
-    def without(self, off: NDArray[np.bool_], limits: Limits, n_threads: int) -> Samples:
+    def without(self, off: NDArray[np.bool_], limits: Limits) -> Samples:
         """Leave out the points in a mask, (m,) bool, and find the scale of the others."""
-        return self.parted(off, n_threads)._scaled(limits, n_threads)
+        return self.parted(off)._scaled(limits)
 
-    def seen(self, sight: NDArray[np.float64] | None, limits: Limits, n_threads: int) -> Samples:
+    def seen(self, sight: NDArray[np.float64] | None, limits: Limits) -> Samples:
         """Find the scale again, using the directions to the sensor, (m, 3), if they are known."""
-        return replace(self, sight=sight)._scaled(limits, n_threads)
+        return replace(self, sight=sight)._scaled(limits)
 
-    def _scaled(self, limits: Limits, n_threads: int) -> Samples:
-        scale = choose_scale(self.points, self.tree, limits, n_threads, sight=self.sight)
+    def _scaled(self, limits: Limits) -> Samples:
+        scale = choose_scale(self.points, self.tree, limits, sight=self.sight)
         return replace(self, scale=scale)
 
 
 def part_outliers(
     points: NDArray[np.float64],
     limits: Limits,
-    n_threads: int,
     near: NDArray[np.bool_] | None = None,
     *,
     distance: NDArray[np.float64] | None = None,
@@ -97,7 +97,7 @@ def part_outliers(
     ----------
     points : (n, 3) float64
         Distinct points in Morton order.
-    limits, n_threads
+    limits
         As in :func:`o3d_sofnn.sampling.scales.choice.choose_scale`.
     near : (n,) bool, optional
         False for points that are known to be outliers.
@@ -110,13 +110,13 @@ def part_outliers(
     """
     kept = np.ones(len(points), bool) if near is None else near
     points = points if kept.all() else np.ascontiguousarray(points[kept])
-    tree = KdTree(points, n_threads)
-    samples = Samples(points, tree, choose_scale(points, tree, limits, n_threads), kept)
+    tree = KdTree(points, thread_count())
+    samples = Samples(points, tree, choose_scale(points, tree, limits), kept)
     for _ in range(2):
         far = None if distance is None else distance[samples.kept]
-        off = find_outliers(samples.points, samples.tree, samples.scale, n_threads, distance=far)
+        off = find_outliers(samples.points, samples.tree, samples.scale, distance=far)
         if off.any():
-            samples = samples.without(off, limits, n_threads)
+            samples = samples.without(off, limits)
         if off.mean() < MANY:
             break
     return samples
@@ -126,7 +126,6 @@ def find_outliers(
     points: NDArray[np.float64],
     tree: KdTree,
     scale: Scale,
-    n_threads: int,
     *,
     distance: NDArray[np.float64] | None = None,
 ) -> NDArray[np.bool_]:
@@ -145,8 +144,6 @@ def find_outliers(
         Tree of `points`.
     scale : Scale
         Scale of the same points.
-    n_threads : int
-        Number of threads.
     distance : (n,) float64, optional
         Distance of each point from where it was seen.
 
@@ -158,17 +155,17 @@ def find_outliers(
     k = min(COMPANY + 1, len(points))
     if k < 5:
         return np.zeros(len(points), bool)
-    usual = _usual_distance(points, tree, scale, k, distance, n_threads)
+    usual = _usual_distance(points, tree, scale, k, distance)
     # If all neighbours are within the limit, so is their mean. Only the few others are examined.
-    crowded = tree.crowded(points, k, ALONE[0] * usual, n_threads)
+    crowded = tree.crowded(points, k, ALONE[0] * usual, thread_count())
     doubtful = np.flatnonzero(crowded == 0)
-    reach, index = _mean_distance(points[doubtful], tree, k, n_threads)
+    reach, index = _mean_distance(points[doubtful], tree, k)
     alone = reach > ALONE[0] * usual[doubtful]
     lonely, reach, index = doubtful[alone], reach[alone], index[alone]
     if not 0 < len(lonely) < 0.5 * len(points):
         return np.zeros(len(points), bool)
-    variation = fit_scales(tree, points, points[lonely], np.array([k + 4]), n_threads)[3]
-    around, _ = _mean_distance(points[index.ravel()], tree, k, n_threads)
+    variation = fit_scales(tree, points, points[lonely], np.array([k + 4]), thread_count())[3]
+    around, _ = _mean_distance(points[index.ravel()], tree, k)
     apart = reach > ALONE[1] * np.median(around.reshape(index.shape), axis=1)
     outlier = np.zeros(len(points), bool)
     outlier[lonely] = apart | (variation[:, 0] > FLAT)
@@ -181,7 +178,6 @@ def _usual_distance(
     scale: Scale,
     k: int,
     distance: NDArray[np.float64] | None,
-    n_threads: int,
 ) -> NDArray[np.float64]:
     """Return the typical distance between neighbours on the surface around each point, (n,).
 
@@ -191,23 +187,23 @@ def _usual_distance(
     usual = scale.spacing + scale.noise
     expected = np.ones(len(usual))
     if distance is not None:
-        expected = distance[tree.query(scale.places, 1, np.inf, n_threads)[1][:, 0]]
+        expected = distance[tree.query(scale.places, 1, np.inf, thread_count())[1][:, 0]]
     credible = usual <= SPARSE * np.median(usual / np.maximum(expected, 1e-300)) * expected
     sparse = np.flatnonzero(~credible)
     if len(sparse):
         places = scale.places[sparse]
-        variation = fit_scales(tree, points, places, np.array([k + 4]), n_threads)[3]
+        variation = fit_scales(tree, points, places, np.array([k + 4]), thread_count())[3]
         credible[sparse] = variation[:, 0] < FLAT
     if credible.all():
-        return np.asarray(usual[scale.at(points, n_threads)])
+        return np.asarray(usual[scale.at(points)])
     places = scale.places[credible]
-    near = KdTree(places, n_threads).query(points, 1, np.inf, n_threads)[1][:, 0]
+    near = KdTree(places, thread_count()).query(points, 1, np.inf, thread_count())[1][:, 0]
     return np.asarray(usual[credible][near])
 
 
 def _mean_distance(
-    x: NDArray[np.float64], tree: KdTree, k: int, n_threads: int
+    x: NDArray[np.float64], tree: KdTree, k: int
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the mean distance of tree points to their neighbours, and the neighbours' indices."""
-    distance, index = tree.query(x, k, np.inf, n_threads)
+    distance, index = tree.query(x, k, np.inf, thread_count())
     return np.asarray(distance[:, 1:].mean(axis=1)), np.asarray(index[:, 1:])

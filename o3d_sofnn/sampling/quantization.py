@@ -18,6 +18,7 @@ from o3d_sofnn.sampling.normalization import Cloud
 from o3d_sofnn.sampling.outliers import Samples
 from o3d_sofnn.sampling.rounding import COARSE, evidence, fit_across
 from o3d_sofnn.sampling.scales.choice import PILOTS, REGION
+from o3d_sofnn.threads import thread_count
 
 AROUND, FEWEST = 300, 100
 """Number of points around a pilot that are examined, and size of the smallest cloud examined."""
@@ -72,33 +73,31 @@ class Steps:
     coarse: NDArray[np.bool_]
     normals: NDArray[np.float64]
 
-    def spread(self, points: NDArray[np.float64], n_threads: int) -> NDArray[np.float64]:
+    def spread(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Spread points (n, 3), in Morton order, evenly within the cells they were rounded to.
 
         No point moves by more than half a step along an axis.
         """
         if self.tree is None or not self.coarse.any():
             return points
-        at = _nearest(self.tree, points, n_threads)
+        at = _nearest(self.tree, points)
         width = np.where(self.coarse, self.width, 0.0)[at]
         share = (np.arange(1, len(points) + 1)[:, None] * RECURRENCE) % 1.0 - 0.5
         return np.ascontiguousarray(points + share * width)
 
-    def floored(self, samples: Samples, n_threads: int) -> Samples:
+    def floored(self, samples: Samples) -> Samples:
         """Raise the noise in the scale of samples to at least the noise of the rounding."""
         if self.tree is None:
             return samples
         scale = samples.scale
-        floor = self._deviation(self.width)[_nearest(self.tree, scale.places, n_threads)]
+        floor = self._deviation(self.width)[_nearest(self.tree, scale.places)]
         return replace(samples, scale=replace(scale, noise=np.maximum(scale.noise, floor)))
 
-    def given(
-        self, noise: NDArray[np.float64], points: NDArray[np.float64], n_threads: int
-    ) -> NDArray[np.float64]:
+    def given(self, noise: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the noise (n,) of the given points, from the noise after :meth:`spread`."""
         if self.tree is None:
             return noise
-        at = _nearest(self.tree, points, n_threads)
+        at = _nearest(self.tree, points)
         added = self._deviation(np.where(self.coarse, self.width, 0.0))[at]
         before = np.sqrt(np.maximum(noise**2 - added**2, 0.0))
         return np.asarray(np.maximum(before, self._deviation(self.width)[at]))
@@ -108,10 +107,10 @@ class Steps:
         return np.asarray(np.sqrt((self.normals**2 * width**2).sum(axis=1) / 12.0))
 
 
-def spread_rounded(cloud: Cloud, n_threads: int) -> tuple[Cloud, Steps]:
+def spread_rounded(cloud: Cloud) -> tuple[Cloud, Steps]:
     """Find the steps to which a cloud was rounded, and spread its points where steps are long."""
     points = cloud.points if cloud.near.all() else np.ascontiguousarray(cloud.points[cloud.near])
-    steps = find_steps(points, -cloud.middle / cloud.extent, n_threads)
+    steps = find_steps(points, -cloud.middle / cloud.extent)
     if not steps.coarse.any():
         return cloud, steps
     long = (
@@ -123,11 +122,11 @@ def spread_rounded(cloud: Cloud, n_threads: int) -> tuple[Cloud, Steps]:
         f"coordinates were rounded to steps longer than the spacing ({', '.join(long)}): points "
         "were spread evenly within them"
     )
-    spread = steps.spread(cloud.points, n_threads)
+    spread = steps.spread(cloud.points)
     return replace(cloud, points=spread, warnings=(*cloud.warnings, told)), steps
 
 
-def find_steps(points: NDArray[np.float64], origin: NDArray[np.float64], n_threads: int) -> Steps:
+def find_steps(points: NDArray[np.float64], origin: NDArray[np.float64]) -> Steps:
     """Find where coordinates were rounded, and to which steps.
 
     Coordinates that lie on a few regular levels were either rounded to them, or the surface was
@@ -140,8 +139,6 @@ def find_steps(points: NDArray[np.float64], origin: NDArray[np.float64], n_threa
         Distinct points in Morton order.
     origin : (3,) float64
         Position of a depth camera if its coordinates are those of the points.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -156,18 +153,18 @@ def find_steps(points: NDArray[np.float64], origin: NDArray[np.float64], n_threa
     start = np.clip(pilots - k // 2, 0, n - k)
     if not _steps(points[start[:, None] + np.arange(k)]).any():  # most clouds: without a tree
         return none
-    tree, places = KdTree(points, n_threads), points[pilots]
-    distance, near = tree.query(places, k, np.inf, n_threads)
+    tree, places = KdTree(points, thread_count()), points[pilots]
+    distance, near = tree.query(places, k, np.inf, thread_count())
     around = points[near]
     spacing = distance[:, -1] * np.sqrt(np.pi / k)
     step = _steps(around)
     step[step < FINE * spacing[:, None]] = 0.0
     if not step.any():
         return none
-    fits = fit_across(points, tree, step, distance, around, n_threads)
+    fits = fit_across(points, tree, step, distance, around)
     rounded, sampled = evidence(step, spacing, around, fits)
-    pilot_tree = KdTree(places, n_threads)
-    region = pilot_tree.query(places, min(REGION, len(places)), np.inf, n_threads)[1]
+    pilot_tree = KdTree(places, thread_count())
+    region = pilot_tree.query(places, min(REGION, len(places)), np.inf, thread_count())[1]
     width = _agreed(step, rounded, sampled, region)
     if not width.any():
         return none
@@ -239,5 +236,5 @@ def _scatter(values: NDArray[np.float64]) -> float:
     return float(0.5 * (high - low))
 
 
-def _nearest(tree: KdTree, x: NDArray[np.float64], n_threads: int) -> NDArray[np.int64]:
-    return np.asarray(tree.query(x, 1, np.inf, n_threads)[1][:, 0])
+def _nearest(tree: KdTree, x: NDArray[np.float64]) -> NDArray[np.int64]:
+    return np.asarray(tree.query(x, 1, np.inf, thread_count())[1][:, 0])

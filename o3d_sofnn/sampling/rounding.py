@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import KdTree, fit_quadrics
 from o3d_sofnn.geometry.vectors import unit
 from o3d_sofnn.sampling.levels import BLUR, sampling_pattern
+from o3d_sofnn.threads import thread_count
 
 REACH, SMALLEST = 2.5, 27
 """Radius of the fits divided by the step, and their smallest number of points: they contain five
@@ -92,7 +93,6 @@ def fit_across(
     step: NDArray[np.float64],
     distance: NDArray[np.float64],
     around: NDArray[np.float64],
-    n_threads: int,
 ) -> Fits:
     """Fit quadrics that contain five levels, or all levels of their neighbourhoods.
 
@@ -106,8 +106,6 @@ def fit_across(
         Steps of the levels, 0 for none.
     distance, around : (p, k) and (p, k, 3) float64
         Distances and coordinates of the points around each pilot, nearest first (the pilot itself).
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -118,7 +116,7 @@ def fit_across(
     within = np.maximum(within, min(SMALLEST, k))
     zeros, ones = np.zeros(len(places)), np.ones(len(places))
     frames, c, residual, radius, _ = fit_quadrics(
-        tree, points, places, within, zeros, 1, None, None, None, ones, n_threads
+        tree, points, places, within, zeros, 1, None, None, None, ones, thread_count()
     )
     tilt = c[:, 1:2] * frames[:, 0] + c[:, 2:3] * frames[:, 1]
     bend = np.abs(c[:, 3] + c[:, 5]) + np.hypot(c[:, 3] - c[:, 5], c[:, 4])

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.geometry.vectors import longest_side
 from o3d_sofnn.sampling.scales.choice import Scale
+from o3d_sofnn.threads import thread_count
 
 BESIDE = 8
 """Number of neighbours in direction."""
@@ -43,7 +44,6 @@ def between(
     points: NDArray[np.float64],
     viewpoint: NDArray[np.float64] | None,
     scale: Scale,
-    n_threads: int,
 ) -> NDArray[np.bool_]:
     """Mark points that hang in the air between an object and the background.
 
@@ -59,8 +59,6 @@ def between(
         Where all points were seen from, or each of them; None if unknown.
     scale : Scale
         Scale of the same points.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -75,26 +73,24 @@ def between(
     hanging = np.zeros(len(points), bool)
     if viewpoint is None:
         return hanging
-    noise = scale.noise[scale.at(points, n_threads)]
+    noise = scale.noise[scale.at(points)]
     if viewpoint.ndim == 1:
-        return _hanging(points - viewpoint, noise, n_threads)
+        return _hanging(points - viewpoint, noise)
     places, view, count = np.unique(viewpoint, axis=0, return_inverse=True, return_counts=True)
     by_view, ends = np.argsort(view.ravel(), kind="stable"), np.cumsum(count)
     for i in np.flatnonzero(count >= VIEW):
         rows = by_view[ends[i] - count[i] : ends[i]]
-        hanging[rows] = _hanging(points[rows] - places[i], noise[rows], n_threads)
+        hanging[rows] = _hanging(points[rows] - places[i], noise[rows])
     return hanging
 
 
-def _hanging(
-    seen: NDArray[np.float64], noise: NDArray[np.float64], n_threads: int
-) -> NDArray[np.bool_]:
+def _hanging(seen: NDArray[np.float64], noise: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Mark points between objects among points that were seen from the origin."""
     distance = np.maximum(np.linalg.norm(seen, axis=1), 1e-300)
     if len(seen) < VIEW or distance.min() > PARALLEL * longest_side(seen):
         return np.zeros(len(seen), bool)
     rays = seen / distance[:, None]
-    angle, near = KdTree(rays, n_threads).query(rays, BESIDE + 1, np.inf, n_threads)
+    angle, near = KdTree(rays, thread_count()).query(rays, BESIDE + 1, np.inf, thread_count())
     apart = distance * angle[:, -1] * np.sqrt(np.pi / BESIDE)
     reach = NEAR * apart + NOISY * noise
     beside = np.linalg.norm(seen[near[:, 1:]] - seen[:, None], axis=2) <= reach[:, None]

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree
+from o3d_sofnn.threads import thread_count
 
 FEW = 24
 """Number of points below which a surface is a guess: the corners of a cube or an icosahedron could
@@ -37,7 +38,7 @@ masks have 0.5 to 0.9, real scans at most 0.06, and a sphere with noise of a ten
 0.3."""
 
 
-def volume_share(points: NDArray[np.float64], tree: KdTree, n_threads: int) -> float:
+def volume_share(points: NDArray[np.float64], tree: KdTree) -> float:
     """Measure the share of points whose neighbours fill a volume.
 
     On a surface, four times as many neighbours reach twice as far; in a volume, only 1.6 times as
@@ -49,8 +50,6 @@ def volume_share(points: NDArray[np.float64], tree: KdTree, n_threads: int) -> f
         Distinct points.
     tree : KdTree
         Tree of these points.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -61,13 +60,13 @@ def volume_share(points: NDArray[np.float64], tree: KdTree, n_threads: int) -> f
     if len(counts) < 2:
         return 0.0
     rows = np.linspace(0, len(points) - 1, PLACES).astype(int)
-    reach = tree.query(points[rows], counts[-1] + 1, np.inf, n_threads)[0][:, counts]
+    reach = tree.query(points[rows], counts[-1] + 1, np.inf, thread_count())[0][:, counts]
     growth = np.log(reach[:, 1:] / reach[:, :-1])
     dimension = np.log(COUNTS[1] / COUNTS[0]) / np.maximum(growth, 1e-9)
     return float((dimension.min(axis=1) > SOLID).mean())
 
 
-def unsuitable(points: NDArray[np.float64], tree: KdTree, n_threads: int) -> tuple[str, ...]:
+def unsuitable(points: NDArray[np.float64], tree: KdTree) -> tuple[str, ...]:
     """Say why a surface through these points is doubtful, and what to do; nothing if it is not.
 
     The parameters are those of :func:`volume_share`.
@@ -77,7 +76,7 @@ def unsuitable(points: NDArray[np.float64], tree: KdTree, n_threads: int) -> tup
             f"there are only {len(points)} points: the surface between so few is a guess; sample "
             "the object more densely",
         )
-    share = volume_share(points, tree, n_threads)
+    share = volume_share(points, tree)
     if share > FILLED:
         return (
             f"around {100.0 * share:.0f} % of the points the others fill a volume (a voxel mask, a "

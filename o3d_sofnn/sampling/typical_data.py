@@ -11,6 +11,7 @@ from o3d_sofnn._kernels import KdTree, divide_cells
 from o3d_sofnn._kernels import typical_data as native_typical_data
 from o3d_sofnn.sampling.cells import build_octree
 from o3d_sofnn.sampling.local_fit import sides_around
+from o3d_sofnn.threads import thread_count
 
 if TYPE_CHECKING:
     from o3d_sofnn.sampling.scales.choice import Scale
@@ -28,7 +29,6 @@ def typical_data(
     normals: NDArray[np.float64],
     tree: KdTree,
     scale: Scale,
-    n_threads: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Find the typical data of a cloud by fuzzy c-means in every octree leaf (section 3.1).
 
@@ -43,8 +43,6 @@ def typical_data(
         Tree of `points`.
     scale : Scale
         Its neighbourhood size determines how many points one typical datum represents.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -55,20 +53,20 @@ def typical_data(
     """
     # Leaves much smaller than a neighbourhood would get one rule each, however much they overlap.
     leaves = build_octree(points, max(LEAF, int(np.median(scale.n_neighbors)) // 4))
-    order, offsets, facing = divide_by_side(normals[leaves.order], leaves.offsets, n_threads)
+    order, offsets, facing = divide_by_side(normals[leaves.order], leaves.offsets)
     x = np.ascontiguousarray(leaves.points[order])
     count = np.diff(offsets)
     middle = x[(offsets[:-1] + offsets[1:]) // 2]
-    neighbors = scale.n_neighbors[scale.at(middle, n_threads)]
+    neighbors = scale.n_neighbors[scale.at(middle)]
     clusters = np.clip(np.rint(count * RULES_PER_NEIGHBORHOOD / neighbors), 1, count)
     clusters = clusters.astype(np.int64)
-    centers = np.asarray(native_typical_data(x, offsets, clusters, 8, 1e-2, n_threads))
+    centers = np.asarray(native_typical_data(x, offsets, clusters, 8, 1e-2, thread_count()))
     facing = np.repeat(facing, clusters, axis=0)
-    return centers, sides_around(centers, facing, normals, tree, n_threads)
+    return centers, sides_around(centers, facing, normals, tree)
 
 
 def divide_by_side(
-    normals: NDArray[np.float64], offsets: NDArray[np.int64], n_threads: int
+    normals: NDArray[np.float64], offsets: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
     """Divide cells whose normals face both ways along their main axis.
 
@@ -78,8 +76,6 @@ def divide_by_side(
         Unit normals, cell by cell.
     offsets : (c + 1,) int64
         Cell ``i`` contains the rows ``offsets[i]`` to ``offsets[i + 1] - 1``.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -90,7 +86,7 @@ def divide_by_side(
     facing : (p, 3) float64
         Mean normal of each part.
     """
-    order, size = map(np.asarray, divide_cells(normals, offsets, n_threads))
+    order, size = map(np.asarray, divide_cells(normals, offsets, thread_count()))
     starts = np.stack([offsets[:-1], offsets[:-1] + size], axis=1)
     first = np.append(starts, len(normals))
     first = first[:-1][np.diff(first) > 0]

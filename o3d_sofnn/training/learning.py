@@ -38,7 +38,7 @@ def clouds(rounds: int, seed: int = 7) -> Iterator[Lessons]:
             noise = NOISES[(3 * turn + number) % len(NOISES)]
             uneven = float(rng.choice([0.0, 0.0, 2.0]))
             points, normals = draw(shape(rng), count, noise, uneven, rng)
-            yield lessons(points, normals, PLACES, -1)
+            yield lessons(points, normals, PLACES)
 
 
 def learn(found: Sequence[Lessons], trials: int) -> tuple[SOFNN, float]:

@@ -16,6 +16,7 @@ from o3d_sofnn.reference.rules.inference import log_memberships
 from o3d_sofnn.reference.rules.rules import Rules
 from o3d_sofnn.rules.inference import NEAREST
 from o3d_sofnn.rules.trust import place_inputs, rule_inputs
+from o3d_sofnn.threads import thread_count
 
 Array = NDArray[np.float64]
 
@@ -62,7 +63,7 @@ class Lessons:
         return float(np.sqrt(np.mean(np.arccos(np.clip(np.abs(cosine), 0.0, 1.0)) ** 2)))
 
 
-def lessons(points: Array, normals: Array, count: int, n_threads: int) -> Lessons:
+def lessons(points: Array, normals: Array, count: int) -> Lessons:
     """Learn the rules of a cloud and compare them with reference normals at evenly spread points.
 
     Parameters
@@ -71,19 +72,19 @@ def lessons(points: Array, normals: Array, count: int, n_threads: int) -> Lesson
         Points and reference normals.
     count : int
         Number of queries.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
     Lessons
     """
-    learned = learn_rules(points, Options(n_threads=n_threads), Clock(None))
+    learned = learn_rules(points, Options(), Clock(None))
     base = learned.rules
     row = np.linspace(0, len(learned.sides) - 1, count).astype(np.int64)
     x, side = learned.samples.points[row], learned.sides[row]
     truth = normals[learned.cloud.first[learned.samples.kept][row]]
-    near = KdTree(base.centers, n_threads).query(x, min(NEAREST, len(base)), np.inf, n_threads)[1]
+    near = KdTree(base.centers, thread_count()).query(
+        x, min(NEAREST, len(base)), np.inf, thread_count()
+    )[1]
     rules = Rules(
         base.centers,
         base.frames,

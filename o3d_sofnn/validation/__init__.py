@@ -23,7 +23,6 @@ from o3d_sofnn.validation.options import (
     check_positive,
     check_trim,
     is_auto,
-    thread_count,
 )
 from o3d_sofnn.validation.values import shown
 
@@ -49,5 +48,4 @@ __all__ = [
     "finite_rows",
     "is_auto",
     "shown",
-    "thread_count",
 ]

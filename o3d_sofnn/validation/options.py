@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import operator
-import os
 from typing import Any, Literal, TypeGuard
 
 import numpy as np
@@ -16,7 +15,6 @@ MIN_NEIGHBORS = 6
 MAX_DEPTH = 16
 # Native code counts with 32 bits.
 LARGEST = 2**31 - 1
-_MOST_THREADS = 256
 
 
 def check_integer(value: Any, name: str, minimum: int, maximum: int = LARGEST) -> int | None:
@@ -122,10 +120,3 @@ def check_exclusive(**options: Any) -> None:
     given = [name for name, value in options.items() if value is not None]
     if len(given) > 1:
         raise ValueError(f"{' and '.join(given)}: expected at most one of them, got both")
-
-
-def thread_count(n_threads: int) -> int:
-    """Return how many threads to start: one per core, or `n_threads`, up to a limit of 256."""
-    if n_threads > 0:
-        return min(n_threads, _MOST_THREADS)
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -22,7 +22,7 @@ def ball():
 def check(vertices, triangles, points, beyond=None, directions=None, reach=0.05):
     beyond = np.zeros(len(vertices)) if beyond is None else beyond
     inliers = Inliers.some(points, np.full(len(points), reach), directions)
-    return assess(vertices, triangles, beyond, inliers, 1)
+    return assess(vertices, triangles, beyond, inliers)
 
 
 def test_a_mesh_through_its_points(ball):

@@ -20,9 +20,9 @@ def field(points, normals, solid=True):
     """Field whose rules are those of the ball alone."""
     rules = pipeline.estimate_normals(BALL.points, n_threads=1).rules
     tree = KdTree(points, 1)
-    _, surfaces = local_surfaces(rules, points, normals, tree, 1, None)
+    _, surfaces = local_surfaces(rules, points, normals, tree, None)
     spacing = np.full(len(points), SPACING)
-    return Field(rules, surfaces, points, normals, spacing, np.full(len(points), solid), 1)
+    return Field(rules, surfaces, points, normals, spacing, np.full(len(points), solid))
 
 
 def level(points, normals):

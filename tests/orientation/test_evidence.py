@@ -164,7 +164,7 @@ def test_walls_seen_along_themselves_follow_what_is_around_them():
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     up = np.tile([0.0, 0.0, 1.0], (len(normals), 1))
     for sign in (1.0, -1.0):  # the winding number may have all of it inside out
-        turned = seen_sides(up, sign * normals, shape.points, 1)
+        turned = seen_sides(up, sign * normals, shape.points)
         assert ((turned * shape.normals).sum(axis=1) > 0.0).mean() > 0.99
-    unknown = seen_sides(0.0 * up, -normals, shape.points, 1)
+    unknown = seen_sides(0.0 * up, -normals, shape.points)
     np.testing.assert_array_equal(unknown, -normals)

@@ -56,10 +56,10 @@ def test_sides_of_points_follow_turned_rules(name):
     left = shape.points[:, 0] < 0.0
     side = np.where(left, -1.0, 1.0)[:, None] * shape.normals
     none, every = np.zeros(len(side), bool), np.ones(len(side), bool)
-    turned = turn_along(shape.normals, shape.points, rules, rules.facing(side), none, 1)
+    turned = turn_along(shape.normals, shape.points, rules, rules.facing(side), none)
     np.testing.assert_array_equal(turned, side)
-    assert turn_along(side, shape.points, rules, rules, none, 1) is side
-    followed = turn_along(side, shape.points, rules, rules, every, 1)
+    assert turn_along(side, shape.points, rules, rules, none) is side
+    followed = turn_along(side, shape.points, rules, rules, every)
     np.testing.assert_array_equal(followed, shape.normals)
 
 
@@ -105,11 +105,11 @@ def test_open_sheets_have_one_side(sheet, noise):
 def test_the_sparse_part_of_a_closed_surface_counts_as_closed():
     dense, sparse = sphere(8000), sphere(80, seed=3).moved((5.0, 0.0, 0.0))
     shape = join(dense, sparse)
-    empty = empty_in_front(rules_on(shape).facing(shape.normals), 1)
+    empty = empty_in_front(rules_on(shape).facing(shape.normals))
     assert empty[:8000].mean() > 0.99
     assert empty[8000:].mean() > 0.95
     sheet = rules_on(plane_patch(900)).facing(plane_patch(900).normals)
-    assert empty_in_front(sheet, 1).mean() < 0.3
+    assert empty_in_front(sheet).mean() < 0.3
 
 
 def test_far_objects_of_different_size_are_both_oriented():
@@ -118,11 +118,11 @@ def test_far_objects_of_different_size_are_both_oriented():
 
 
 def test_pieces_are_the_connected_parts():
-    label = pieces(rules_on(two_spheres(1000)), 1)
+    label = pieces(rules_on(two_spheres(1000)))
     assert len(np.unique(label)) == 2
     assert len(np.unique(label[:500])) == 1
     assert len(np.unique(label[500:])) == 1
-    assert len(np.unique(pieces(rules_on(torus(1000)), 1))) == 1
+    assert len(np.unique(pieces(rules_on(torus(1000))))) == 1
 
 
 @pytest.mark.parametrize("height", [20.0, -20.0])

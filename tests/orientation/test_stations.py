@@ -19,13 +19,13 @@ from o3d_sofnn.sampling.scales.choice import Limits
 
 def samples_of(points):
     cloud = unit_cube(points)
-    return part_outliers(cloud.points, Limits(), 1), cloud.frame
+    return part_outliers(cloud.points, Limits()), cloud.frame
 
 
 def places_found(points):
     """Places of the stations in the user's coordinates, (k, 3), or None."""
     samples, frame = samples_of(points)
-    found = find_stations(samples, frame.origin, 1)
+    found = find_stations(samples, frame.origin)
     if found is None:
         return None
     return np.array([frame.outside(station.place) for station in found.stations])
@@ -33,14 +33,14 @@ def places_found(points):
 
 def true_discs(points, normals):
     spacing = np.full(len(points), np.sqrt(4.0 * np.pi / len(points)))
-    return Discs(points, normals, spacing**2, spacing, 1)
+    return Discs(points, normals, spacing**2, spacing)
 
 
 @pytest.mark.parametrize("turning", [False, True])
 def test_slopes_are_those_of_the_errors(turning):
     scan = scenes.make("room", 600)
     one = np.ones(len(scan.points))
-    discs = Discs(scan.points, scan.normals, one, one, 1)
+    discs = Discs(scan.points, scan.normals, one, one)
     density = Density.of(discs, turning)
     stations = np.array([[0.3, -0.2, 1.1], [2.0, 1.0, 1.7]])
     slopes = density.slopes(stations)
@@ -54,7 +54,7 @@ def test_slopes_are_those_of_the_errors(turning):
 def test_a_perfect_scan_has_the_density_of_its_station():
     scan = scenes.make("room", 8000)
     samples, frame = samples_of(scan.points)
-    density = Density.of(Discs.of(samples, 1500, 1), True)
+    density = Density.of(Discs.of(samples, 1500), True)
     truth = (scan.stations[:1] - frame.middle) / frame.extent
     assert density.spread(truth) < 0.06 < 0.3 < density.spread(truth + 0.2)
     several = density.spreads(np.stack([truth, truth + 0.3]))
@@ -165,7 +165,7 @@ def test_each_place_looks_to_the_station_that_sees_it():
     surface = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 9.0, 0.0]])
     stations = np.array([[-1.0, 0.0, 2.0], [1.0, 0.0, -1.0]])
     seen = np.array([[True, False, False], [False, True, False]])
-    sight = Several(stations, surface, seen, 1)
+    sight = Several(stations, surface, seen)
     found = sight.directions(surface + 0.01)
     assert found[0, 2] > 0.0 > found[1, 2]
     # What no station sees looks to all of them, most to the nearest.

@@ -20,8 +20,8 @@ def oriented(shape, noise=0.0):
     """Share of points on the wrong side, and the normals in Morton order."""
     order, _ = sort_unique(shape.points)
     points = np.ascontiguousarray(shape.points[order])
-    spacing = choose_scale(points, KdTree(points, 1), Limits(), 1).spacing
-    normals = orient_points(points, noise, float(np.median(spacing)), 1)
+    spacing = choose_scale(points, KdTree(points, 1), Limits()).spacing
+    normals = orient_points(points, noise, float(np.median(spacing)))
     return (np.einsum("nd,nd->n", normals, shape.normals[order]) < 0.0).mean(), normals
 
 
@@ -63,7 +63,7 @@ def test_two_shells_one_inside_the_other(noise):
 
 def test_winding_number_normals_are_outward_and_weighted_by_area():
     points, normals = sphere(1500)
-    mu = winding_number_normals(points, np.ones(1500), np.full(1500, 0.27), np.full(1500, 0.063), 1)
+    mu = winding_number_normals(points, np.ones(1500), np.full(1500, 0.27), np.full(1500, 0.063))
     length = np.linalg.norm(mu, axis=1)
     cosine = (mu * normals).sum(axis=1) / length
     assert (cosine > 0.9).all()

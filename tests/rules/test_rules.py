@@ -23,7 +23,7 @@ def fitted(shape, noise=0.0, **options):
     where = Neighborhoods(
         centers, shape.normals[::20], np.full(n, 60), np.full(n, noise), **options
     )
-    return fit_rules(KdTree(points, 1), points, shape.normals, where, 1)
+    return fit_rules(KdTree(points, 1), points, shape.normals, where)
 
 
 def test_rules_of_a_tube_are_long_along_it():
@@ -70,7 +70,7 @@ def test_rules_that_face_away_from_all_points_are_left_out():
     where = Neighborhoods(
         points[::20], np.ascontiguousarray(sides), np.full(len(rules), 60), np.zeros(len(rules))
     )
-    wrong = fit_rules(KdTree(points, 1), points, shape.normals, where, 1)
+    wrong = fit_rules(KdTree(points, 1), points, shape.normals, where)
     assert (wrong.support[away] < SUPPORTED).all()
     np.testing.assert_array_equal(discard(wrong).centers, wrong.centers[~away])
 
@@ -121,13 +121,13 @@ def blurred_box(stretch=1.0):
     sides = shape.normals[::20]
     across = unit(np.cross(sides, [0.6, 0.0, 0.8]))
     where = Neighborhoods(centers, sides, size, noise, across, np.full(300, stretch))
-    rules = fit_rules(tree, points, blurred, where, 1)
+    rules = fit_rules(tree, points, blurred, where)
     return shape, points, tree, rules
 
 
 def test_rules_beside_an_edge_are_fitted_anew_and_gain_by_better_normals():
     shape, points, tree, rules = blurred_box()
-    revised = revise(rules, tree, points, shape.normals, 1)
+    revised = revise(rules, tree, points, shape.normals)
     disputed = rules.support < UNDISPUTED
     assert 0 < disputed.sum() < len(rules)
     assert len(revised) == len(rules)
@@ -143,17 +143,17 @@ def test_rules_with_undisputed_neighborhoods_stay():
     shape = plane_patch(2000)
     rules = fitted(shape)
     tree = KdTree(shape.points, 1)
-    assert revise(rules, tree, shape.points, shape.normals, 1) is rules
-    assert not read_normals(rules, shape.points, 1).any()
+    assert revise(rules, tree, shape.points, shape.normals) is rules
+    assert not read_normals(rules, shape.points).any()
 
 
 @pytest.mark.parametrize("stretch", [1.0, 2.0])
 def test_third_fits_read_no_other_normals_than_those_marked(stretch):
     shape, points, tree, rules = blurred_box(stretch)
-    read = read_normals(rules, points, 1)
+    read = read_normals(rules, points)
     assert 0 < read.sum() < len(points)
     unread = np.where(read[:, None], shape.normals, np.nan)
-    revised = revise(rules, tree, points, unread, 1)
-    expected = revise(rules, tree, points, shape.normals, 1)
+    revised = revise(rules, tree, points, unread)
+    expected = revise(rules, tree, points, shape.normals)
     np.testing.assert_array_equal(revised.coefficients, expected.coefficients)
     np.testing.assert_array_equal(revised.normals, expected.normals)

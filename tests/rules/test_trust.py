@@ -61,7 +61,7 @@ def test_a_short_training_finds_rules_that_help(found):
     assert error < 0.98
     mesh = SHAPES[5](np.random.default_rng(99))
     points, normals = draw(mesh, 6000, 0.0, 0.0, np.random.default_rng(98))
-    held_out = lessons(points, normals, 1500, 1)
+    held_out = lessons(points, normals, 1500)
     assert gain(network, [held_out]) < 0.97
     assert gain(SOFNN().restore(shipped().network), [held_out]) < 0.9
 

@@ -22,7 +22,7 @@ SHAPES = {"sphere": (sphere, 2.0), "plane": (plane_patch, 1.0), "torus": (torus,
 
 def outliers_of(cloud):
     order, inverse = sort_unique(cloud)
-    inliers = part_outliers(np.ascontiguousarray(cloud[order]), Limits(), 1).kept
+    inliers = part_outliers(np.ascontiguousarray(cloud[order]), Limits()).kept
     return ~inliers[inverse]
 
 
@@ -77,7 +77,7 @@ def beside(residual, known, distance=None):
     places = points[:1]
     scale = Scale(places, KdTree(places, 1), np.array([12]), 0.01 * one, 0.01 * one, np.array([8]))
     inliers = np.concatenate([np.ones(len(points), bool), np.zeros(known, bool)])
-    return off_surface(residual, distance, Samples(points, tree, scale, inliers), 1)
+    return off_surface(residual, distance, Samples(points, tree, scale, inliers))
 
 
 def test_more_outliers_make_a_distant_point_more_suspicious():
@@ -103,10 +103,10 @@ def test_rules_that_few_points_support_are_not_asked_for_the_distance():
     size, noise = np.full(len(centers), 60), np.full(len(centers), 0.01)
     tree = KdTree(points, 1)
     where = Neighborhoods(centers, sides, size, noise)
-    rules = fit_rules(tree, points, facing, where, 1)
-    followed = infer_normals(rules, points, 1, sides=facing)[2]
+    rules = fit_rules(tree, points, facing, where)
+    followed = infer_normals(rules, points, sides=facing)[2]
     assert abs(followed[-1]) < 0.02
-    along = distance_along_surface(rules, points, facing, 1)
+    along = distance_along_surface(rules, points, facing)
     assert along[-1] > 0.09
     assert along[:-1].max() < 1e-6
 

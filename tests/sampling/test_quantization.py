@@ -19,7 +19,7 @@ SPACING = np.sqrt(4.0 * np.pi**2 * 0.4 / 6000)
 def steps_of(points):
     """Widths in the unit of the points, and what was found."""
     cloud = unit_cube(np.asarray(points, float))
-    steps = find_steps(cloud.points, -cloud.middle / cloud.extent, 1)
+    steps = find_steps(cloud.points, -cloud.middle / cloud.extent)
     return cloud.extent * steps.width, steps
 
 
@@ -119,7 +119,7 @@ NOT_ROUNDED = {
 @pytest.mark.parametrize("name", NOT_ROUNDED)
 def test_samples_are_not_taken_for_rounded(name):
     cloud = unit_cube(np.asarray(NOT_ROUNDED[name], float))
-    found, steps = spread_rounded(cloud, 1)
+    found, steps = spread_rounded(cloud)
     assert steps.tree is None
     assert found is cloud
 
@@ -132,12 +132,12 @@ def test_rounded_heights_on_a_grid_are_found():
 
 def test_points_stay_in_their_cells_and_fill_them():
     cloud = unit_cube(rounded(TORUS, (0.0, 0.0, 4.0 * SPACING)))
-    found, steps = spread_rounded(cloud, 2)
+    found, steps = spread_rounded(cloud)
     moved = (found.points - cloud.points) * cloud.extent / (4.0 * SPACING)
     assert np.abs(moved[:, :2]).max() == 0.0
     assert np.abs(moved[:, 2]).max() <= 0.5
     assert np.histogram(moved[moved[:, 2] != 0.0, 2], 10, (-0.5, 0.5))[0].std() < 20.0
-    np.testing.assert_array_equal(found.points, steps.spread(cloud.points, 1))
+    np.testing.assert_array_equal(found.points, steps.spread(cloud.points))
     assert "rounded to steps longer than the spacing (z:" in found.warnings[0]
 
 
@@ -173,7 +173,7 @@ def test_steps_of_disparity_grow_with_the_square_of_the_depth():
 def test_the_rest_of_a_cloud_does_not_hide_a_rounded_part():
     both = np.concatenate([rounded(TORUS, 0.5 * SPACING), TORUS + np.array([4.0, 0.0, 0.0])])
     cloud = unit_cube(both)
-    steps = find_steps(cloud.points, -cloud.middle / cloud.extent, 1)
+    steps = find_steps(cloud.points, -cloud.middle / cloud.extent)
     places = both[cloud.first][np.linspace(0, len(cloud.points) - 1, len(steps.width)).astype(int)]
     here = places[:, 0] < 2.0
     assert (steps.width[here] > 0.0).mean() > 0.9

@@ -17,7 +17,7 @@ SHAPES = {"sphere": (sphere, 2.0), "plane": (plane_patch, 1.0), "torus": (torus,
 
 def scale_of(points, **limits):
     points = np.ascontiguousarray(points[sort_unique(points)[0]])
-    return choose_scale(points, KdTree(points, 1), Limits(**limits), 1)
+    return choose_scale(points, KdTree(points, 1), Limits(**limits))
 
 
 @pytest.mark.parametrize("noise", [0.001, 0.003, 0.01])
@@ -69,7 +69,7 @@ def test_noise_is_found_region_by_region():
     left, right = sphere(4000).noisy(0.01), sphere(4000, seed=2).noisy(0.03).moved((4.0, 0.0, 0.0))
     scale = scale_of(join(left, right).points)
     for shape, noise in ((left, 0.01), (right, 0.03)):
-        found = np.median(scale.noise[scale.at(shape.points, 1)])
+        found = np.median(scale.noise[scale.at(shape.points)])
         assert found == pytest.approx(noise, rel=0.15)
 
 
@@ -118,14 +118,14 @@ def test_where_the_sensor_stood_fits_are_wider_than_the_error_of_its_range():
     order = sort_unique(points)[0]
     points, sight = np.ascontiguousarray(points[order]), sight[order]
     tree = KdTree(points, 1)
-    blind = choose_scale(points, tree, Limits(), 1)
-    seeing = choose_scale(points, tree, Limits(), 1, sight=sight)
+    blind = choose_scale(points, tree, Limits())
+    seeing = choose_scale(points, tree, Limits(), sight=sight)
     assert (blind.least == SCALES[0]).all()
     near = np.linalg.norm(seeing.places[:, :2], axis=1) < 0.1
     assert np.median(blind.n_neighbors[near]) < np.median(seeing.n_neighbors[near])
     np.testing.assert_allclose(np.median(seeing.noise[near]), 0.005, rtol=0.3)
     assert (seeing.n_neighbors >= seeing.least).all()
-    assert (seeing.enough(np.full(len(points), 9), points, 1) >= 9).all()
+    assert (seeing.enough(np.full(len(points), 9), points) >= 9).all()
 
 
 @pytest.mark.parametrize("limits", [{"max_nn": 30}, {"radius": 0.015}])
@@ -134,11 +134,11 @@ def test_a_sensor_does_not_widen_fits_beyond_what_the_user_allows(limits):
     order = sort_unique(points)[0]
     points, sight = np.ascontiguousarray(points[order]), sight[order]
     tree = KdTree(points, 1)
-    free = choose_scale(points, tree, Limits(), 1, sight=sight)
-    held = choose_scale(points, tree, Limits(**limits), 1, sight=sight)
+    free = choose_scale(points, tree, Limits(), sight=sight)
+    held = choose_scale(points, tree, Limits(**limits), sight=sight)
     size = np.full(len(held.places), SCALES[0])
     for scale, within in ((free, False), (held, True)):
-        enough = scale.enough(size, held.places, 1)
+        enough = scale.enough(size, held.places)
         reach = tree.query(held.places, int(enough.max()), np.inf, 1)[0]
         radius = reach[np.arange(len(reach)), enough - 1]
         fits = (enough <= limits.get("max_nn", np.inf)) & (radius <= limits.get("radius", np.inf))
@@ -149,7 +149,7 @@ def test_a_sensor_that_stood_anywhere_changes_nothing_where_points_are_clean():
     points = sphere(3000).points
     points = np.ascontiguousarray(points[sort_unique(points)[0]])
     tree = KdTree(points, 1)
-    blind = choose_scale(points, tree, Limits(), 1)
-    seeing = choose_scale(points, tree, Limits(), 1, sight=np.array([0.0, 0.0, 9.0]) - points)
+    blind = choose_scale(points, tree, Limits())
+    seeing = choose_scale(points, tree, Limits(), sight=np.array([0.0, 0.0, 9.0]) - points)
     np.testing.assert_array_equal(seeing.n_neighbors, blind.n_neighbors)
     np.testing.assert_array_equal(seeing.noise, blind.noise)

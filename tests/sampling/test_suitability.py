@@ -36,7 +36,7 @@ SURFACES = {
 
 
 def share(points):
-    return volume_share(points, KdTree(points, 1), 1)
+    return volume_share(points, KdTree(points, 1))
 
 
 @pytest.mark.parametrize("name", VOLUMES)

@@ -77,8 +77,8 @@ def stages(cloud: Cloud) -> Iterator[tuple[str, float]]:
     truth = Cloud(x, cloud.normals[order], cloud.inliers[order])
     tree = KdTree(x, -1)
     yield "plane, k = 30 (Open3D)", truth.error(planes(truth))
-    scale = choose_scale(x, tree, Limits(), -1)
-    size = scale.n_neighbors[scale.at(x, -1)]
+    scale = choose_scale(x, tree, Limits())
+    size = scale.n_neighbors[scale.at(x)]
     quadrics = np.zeros_like(x)
     for k in np.unique(size):
         row = np.flatnonzero(size == k)
@@ -86,25 +86,25 @@ def stages(cloud: Cloud) -> Iterator[tuple[str, float]]:
     yield "quadric at the scale found", truth.error(quadrics)
 
     noise, spacing = float(np.median(scale.noise)), float(np.median(scale.spacing))
-    sides = orient_points(x, noise, spacing, -1)
+    sides = orient_points(x, noise, spacing)
     same = np.tile([0.0, 0.0, 1.0], (len(x), 1))  # nobody is told apart
 
     def rules_with(known: Array) -> RuleBase:
-        centers, facing = typical_data(x, known, tree, scale, -1)
-        pilot = scale.at(centers, -1)
+        centers, facing = typical_data(x, known, tree, scale)
+        pilot = scale.at(centers)
         size, noise = scale.n_neighbors[pilot], scale.noise[pilot]
-        return fit_rules(tree, x, known, Neighborhoods(centers, facing, size, noise), -1)
+        return fit_rules(tree, x, known, Neighborhoods(centers, facing, size, noise))
 
     rules = rules_with(same)
     nearest = tree.query(rules.feet, 1, np.inf, -1)[1][:, 0]
     rules = rules.facing(sides[nearest])
     wide = replace(rules, noise=ANY * rules.radius, residual=np.zeros(len(rules)))
-    yield "+ fuzzy c-means, blended by distance", truth.error(infer_normals(wide, x, -1)[0])
-    yield "+ memberships in residual and quality", truth.error(infer_normals(rules, x, -1)[0])
-    error = truth.error(infer_normals(rules_with(sides), x, -1, sides=sides)[0])
+    yield "+ fuzzy c-means, blended by distance", truth.error(infer_normals(wide, x)[0])
+    yield "+ memberships in residual and quality", truth.error(infer_normals(rules, x)[0])
+    error = truth.error(infer_normals(rules_with(sides), x, sides=sides)[0])
     yield "+ sides: global normals in typical data, fits, inference", error
-    scale = refine_scale(x, tree, scale, sides, Limits(), -1)
-    error = truth.error(infer_normals(rules_with(sides), x, -1, sides=sides)[0])
+    scale = refine_scale(x, tree, scale, sides, Limits())
+    error = truth.error(infer_normals(rules_with(sides), x, sides=sides)[0])
     yield "+ scale refined with sides", error
     with (
         patch.object(pipeline, "shipped", lambda: None),
@@ -128,7 +128,7 @@ def networks(cloud: Cloud, pairs: int) -> list[float]:
     On-line learning sees some pairs of a place and a rule, and is told how far the rule is from the
     normal inferred there, or from the true one, which nobody has.
     """
-    found = lessons(cloud.points, cloud.normals, 2000, -1)
+    found = lessons(cloud.points, cloud.normals, 2000)
     network = SOFNN().restore(shipped().network)
 
     def trust(some: object) -> Array:

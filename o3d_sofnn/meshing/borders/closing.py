@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree, label_pieces, vertex_normals
 from o3d_sofnn.meshing.borders.patches import Patches
+from o3d_sofnn.threads import thread_count
 
 if TYPE_CHECKING:
     from o3d_sofnn.implicit.field import Field
@@ -177,10 +178,9 @@ class Judge:
         """Mark samples near which some vertex faces the same way."""
         if not len(rows):
             return np.zeros(0, bool)
-        n_threads = self._field.n_threads
-        tree = KdTree(vertices, n_threads)
+        tree = KdTree(vertices, thread_count())
         samples = np.ascontiguousarray(self._field.samples[rows])
-        index = tree.query(samples, min(NEAREST, len(vertices)), np.inf, n_threads)[1]
+        index = tree.query(samples, min(NEAREST, len(vertices)), np.inf, thread_count())[1]
         cosine = np.einsum("skd,sd->sk", facing[index], self._field.normals[rows])
         return np.asarray((cosine > 0.0).any(axis=1))
 

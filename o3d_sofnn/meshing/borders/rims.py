@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import intersecting_pairs, undo_turns, vertex_normals
 from o3d_sofnn.geometry.mesh_properties import with_corner_in
 from o3d_sofnn.meshing.repair.untangling import untangle
+from o3d_sofnn.threads import thread_count
 
 STRAIGHTENINGS = 5
 """Number of times that rim vertices move halfway to the middle of their neighbours on the rim."""
@@ -46,9 +47,7 @@ Triangles = NDArray[np.int32]
 Index = NDArray[np.int64]
 
 
-def tidy(
-    vertices: Array, triangles: Triangles, spacing: Array, n_threads: int = 1
-) -> tuple[Array, Triangles, Index]:
+def tidy(vertices: Array, triangles: Triangles, spacing: Array) -> tuple[Array, Triangles, Index]:
     """Straighten the rims of a mesh, and join their short edges.
 
     Parameters
@@ -58,8 +57,6 @@ def tidy(
         A manifold with rims, without intersecting triangles.
     spacing : (m,) float64
         Spacing of the samples at the vertices.
-    n_threads : int, default 1
-        Number of threads.
 
     Returns
     -------
@@ -70,8 +67,8 @@ def tidy(
         Index of each vertex in the input.
     """
     straight = straightened(vertices, triangles, spacing)
-    straight = untangle([vertices, straight], triangles, n_threads)
-    triangles = _joined(straight, triangles, spacing, n_threads)
+    straight = untangle([vertices, straight], triangles)
+    triangles = _joined(straight, triangles, spacing)
     used, number = np.unique(triangles, return_inverse=True)
     return straight[used], number.reshape(-1, 3).astype(np.int32), used.astype(np.int64)
 
@@ -131,7 +128,7 @@ def _first_of_runs(keys: Index) -> NDArray[np.bool_]:
     return first
 
 
-def _joined(vertices: Array, triangles: Triangles, spacing: Array, n_threads: int) -> Triangles:
+def _joined(vertices: Array, triangles: Triangles, spacing: Array) -> Triangles:
     """Join edges of rims, except where triangles would intersect."""
     rim = _neighbors(triangles, len(vertices))[0] >= 0
     if not rim.any():
@@ -156,7 +153,7 @@ def _joined(vertices: Array, triangles: Triangles, spacing: Array, n_threads: in
             band = fewer
         joined = np.concatenate([inner, rows[band].astype(np.int32)])
         suspect = np.arange(len(joined)) >= len(inner)
-        pairs = np.asarray(intersecting_pairs(vertices, joined, suspect, n_threads))
+        pairs = np.asarray(intersecting_pairs(vertices, joined, suspect, thread_count()))
         if not len(pairs):
             return joined
         kept[joined[pairs.ravel()]] = True

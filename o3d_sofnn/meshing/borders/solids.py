@@ -9,6 +9,7 @@ from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.orientation.components import pieces
 from o3d_sofnn.orientation.confidence import CLOSED, SHEET, winding_before
 from o3d_sofnn.rules.rule_base import RuleBase
+from o3d_sofnn.threads import thread_count
 
 WOUND = 0.25
 """Smallest mean winding number on a component of the rule base that may be a solid: 0.27 to 0.6 on
@@ -22,9 +23,7 @@ BESIDE = 3.0
 Array = NDArray[np.float64]
 
 
-def solids(
-    rules: RuleBase, samples: Array, n_threads: int
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def solids(rules: RuleBase, samples: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Mark the rules and samples on solids, according to the winding number.
 
     Nearly everywhere in front of a solid, the space is empty, and the winding number on its surface
@@ -38,25 +37,23 @@ def solids(
         Oriented rules.
     samples : (n, 3) float64
         Points on the surface.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
     of_rules, of_samples : (r,) and (n,) bool
     """
-    front, on = winding_before(rules, (1.0, 0.0), n_threads)
-    piece = pieces(rules, n_threads)
+    front, on = winding_before(rules, (1.0, 0.0))
+    piece = pieces(rules)
     area = np.bincount(piece, rules.areas)
     empty = np.bincount(piece, rules.areas * (np.abs(front) < 0.25))
     solid = (empty >= CLOSED * area) & (np.bincount(piece, rules.areas * on) >= WOUND * area)
     count = np.bincount(piece)
     large = np.flatnonzero((count >= min(SHEET, int(count.max())))[piece])
-    tree = KdTree(np.ascontiguousarray(rules.centers[large]), n_threads)
+    tree = KdTree(np.ascontiguousarray(rules.centers[large]), thread_count())
     of_large, radius = solid[piece[large]], rules.radius[large]
 
     def of(x: Array) -> NDArray[np.bool_]:
-        distance, index = tree.query(x, 1, np.inf, n_threads)
+        distance, index = tree.query(x, 1, np.inf, thread_count())
         return np.asarray(of_large[index[:, 0]] & (distance[:, 0] <= BESIDE * radius[index[:, 0]]))
 
     return of(rules.centers), of(samples)

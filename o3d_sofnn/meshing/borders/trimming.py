@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree, label_pieces
 from o3d_sofnn.geometry.mesh_properties import with_corner_in
+from o3d_sofnn.threads import thread_count
 
 SAMPLES = 24
 """Smallest number of samples on a connected component that is kept."""
@@ -38,7 +39,7 @@ Triangles = NDArray[np.int32]
 
 
 def drop_strays(
-    vertices: Array, triangles: Triangles, samples: Array, n_threads: int
+    vertices: Array, triangles: Triangles, samples: Array
 ) -> tuple[Triangles, NDArray[np.int64]]:
     """Remove connected components with hardly any samples.
 
@@ -49,8 +50,6 @@ def drop_strays(
         A mesh of one or more components.
     samples : (n, 3) float64
         Points moved onto the surface.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -62,7 +61,7 @@ def drop_strays(
     label = np.asarray(label_pieces(triangles, len(vertices)))
     if not label.any():
         return _compact(triangles, len(vertices))
-    nearest = KdTree(vertices, n_threads).query(samples, 1, np.inf, n_threads)[1][:, 0]
+    nearest = KdTree(vertices, thread_count()).query(samples, 1, np.inf, thread_count())[1][:, 0]
     count = np.bincount(label[nearest], minlength=int(label.max(initial=0)) + 1)
     return _compact(
         triangles[(count >= min(SAMPLES, int(count.max())))[label[triangles[:, 0]]]], len(vertices)

@@ -22,7 +22,6 @@ def extract(
     seeds: NDArray[np.float64],
     size: float,
     levels: NDArray[np.int64] | None = None,
-    n_threads: int = 1,
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Triangulate the zero set of a function through the cubes around some seeds.
 
@@ -40,8 +39,6 @@ def extract(
         Edge of a finest cube.
     levels : (n,) int64, optional
         Cubes around a seed have an edge of ``size * 2**level``. None means 0.
-    n_threads : int, default 1
-        Number of threads.
 
     Returns
     -------
@@ -52,7 +49,7 @@ def extract(
     if levels is None:
         levels = np.zeros(len(seeds), np.int64)
     grid = AdaptiveGrid(seeds, size, levels)
-    walk = grid.walk(n_threads)
+    walk = grid.walk()
     values = []
     wanted = np.asarray(walk.advance(np.zeros(0, bool)))
     while len(wanted):
@@ -61,7 +58,7 @@ def extract(
         wanted = np.asarray(walk.advance(values[-1] < 0.0))
     leaves, crossed = np.asarray(walk.leaves()), np.asarray(walk.take_crossed())
     del walk  # its maps are as large as all of the mesh
-    return marching_cubes(np.concatenate(values), grid.positions(leaves), crossed, n_threads)
+    return marching_cubes(np.concatenate(values), grid.positions(leaves), crossed)
 
 
 def _walled(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import DualWalk
 from o3d_sofnn.geometry.vectors import bounds
+from o3d_sofnn.threads import thread_count
 
 Keys = NDArray[np.int64]
 
@@ -74,9 +75,11 @@ class AdaptiveGrid:
         self.origin = self.low - size * (4 << self.top)
         self._points, self._levels = points, levels
 
-    def walk(self, n_threads: int = 1) -> DualWalk:
+    def walk(self) -> DualWalk:
         """Start a walk through the dual cubes, beginning with those that contain the points."""
-        return DualWalk(self._points, self.origin, self.size, self._levels, self.top, n_threads)
+        return DualWalk(
+            self._points, self.origin, self.size, self._levels, self.top, thread_count()
+        )
 
     def edges(self, leaves: Keys) -> NDArray[np.int64]:
         """Return the edge of leaves in finest cells: middles are odd multiples of half the edge."""

@@ -132,7 +132,6 @@ def marching_cubes(
     values: NDArray[np.float64],
     nodes: NDArray[np.float64],
     cubes: NDArray[np.int32],
-    n_threads: int = 1,
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Triangulate the zero set on a list of cubes.
 
@@ -144,8 +143,6 @@ def marching_cubes(
         Positions of the nodes.
     cubes : (c, 8) int32
         Nodes of each cube in the order of ``CORNERS``; neighbouring corners may coincide.
-    n_threads : int, default 1
-        Number of threads.
 
     Returns
     -------
@@ -161,7 +158,7 @@ def marching_cubes(
         return vertices, triangles
     away = vertices.copy()
     away[uneven] = inner
-    return untangle([away, vertices], triangles, n_threads), triangles
+    return untangle([away, vertices], triangles), triangles
 
 
 @cache

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.geometry.vectors import longest_side
 from o3d_sofnn.rules.rule_base import RuleBase
+from o3d_sofnn.threads import thread_count
 
 SIDE = 1024
 """Number of cubes along the longest side that is always allowed, however few points a wide scene
@@ -68,15 +69,13 @@ SHEET = 1.2
 triangles, and points 1.03 to 1.08 times as far from them (6 scans)."""
 
 
-def flat_edges(rules: RuleBase, n_threads: int) -> NDArray[np.float64]:
+def flat_edges(rules: RuleBase) -> NDArray[np.float64]:
     """Return edges of cubes in which planes are as accurate as the quadrics; 0 beside a crease.
 
     Parameters
     ----------
     rules : RuleBase
         Rules.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -85,7 +84,9 @@ def flat_edges(rules: RuleBase, n_threads: int) -> NDArray[np.float64]:
     """
     around = min(AROUND, len(rules))
     normals = rules.normals
-    near = KdTree(rules.centers, n_threads).query(rules.centers, around, np.inf, n_threads)[1]
+    near = KdTree(rules.centers, thread_count()).query(
+        rules.centers, around, np.inf, thread_count()
+    )[1]
     bent = np.einsum("rkd,rd->rk", normals[near], normals).min(axis=1) < BENT
     error = np.maximum(ACCURACY * rules.noise / np.sqrt(rules.n_neighbors), CLEAN * rules.radius)
     # A chord of this length deviates from an arc by that error.
@@ -100,7 +101,6 @@ def choose_cubes(
     usual_spacing: float,
     rules: RuleBase,
     voxel_size: float | None,
-    n_threads: int,
 ) -> tuple[float, float, NDArray[np.int64]]:
     """Choose the edges of the cubes along the surface.
 
@@ -121,8 +121,6 @@ def choose_cubes(
         Rules.
     voxel_size : float or None
         Edge of a cube, in the unit of the points, if the user gave one.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -135,10 +133,10 @@ def choose_cubes(
     """
     if voxel_size is not None:
         return voxel_size, voxel_size, np.zeros(len(samples), np.int64)
-    flat = flat_edges(rules, n_threads)
+    flat = flat_edges(rules)
     size = choose_voxel_size(points, usual_spacing, rules, flat)
     most = longest_side(points) / FEWEST
-    return size, *choose_levels(samples, spacing, rules, flat, (size, most), n_threads)
+    return size, *choose_levels(samples, spacing, rules, flat, (size, most))
 
 
 def choose_voxel_size(
@@ -178,7 +176,6 @@ def choose_levels(
     rules: RuleBase,
     flat: NDArray[np.float64],
     sizes: tuple[float, float],
-    n_threads: int,
 ) -> tuple[float, NDArray[np.int64]]:
     """Halve or double the cubes according to the local density and curvature.
 
@@ -196,8 +193,6 @@ def choose_levels(
         What :func:`flat_edges` says of them.
     sizes : (float, float)
         Typical edge of a cube, and the longest allowed edge.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -207,7 +202,9 @@ def choose_levels(
         The cubes around a sample have an edge of ``finest * 2**level``.
     """
     size, most = sizes
-    nearest = KdTree(rules.centers, n_threads).query(samples, 1, np.inf, n_threads)[1][:, 0]
+    nearest = KdTree(rules.centers, thread_count()).query(samples, 1, np.inf, thread_count())[1][
+        :, 0
+    ]
     # Wide rules must not cause gaps.
     resolved = np.minimum(RESOLVED * rules.radius[nearest], size)
     least = np.maximum(SPACING * spacing, resolved)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree
+from o3d_sofnn.threads import thread_count
 
 AMONG = 24
 """Number of neighbours that determine the spacing at a point."""
@@ -34,7 +35,7 @@ density is uneven there: none of a hundred million uniformly drawn points; 1.4 a
 
 
 def spacing_around(
-    points: NDArray[np.float64], tree: KdTree, n_threads: int
+    points: NDArray[np.float64], tree: KdTree
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Measure the distance between neighbours around every point: the mean and the largest.
 
@@ -44,8 +45,6 @@ def spacing_around(
         Points in Morton order.
     tree : KdTree
         Tree of the points.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -57,7 +56,7 @@ def spacing_around(
     """
     few = 1 + len(points) // PLACES
     places = np.ascontiguousarray(points[few // 2 :: few])
-    distance, index = tree.query(places, min(AMONG, len(points)), np.inf, n_threads)
+    distance, index = tree.query(places, min(AMONG, len(points)), np.inf, thread_count())
     k = distance.shape[1]
     step = points[index[:, 1:]] - places[:, None]
     next_ones = step[:, :ALONG] / np.maximum(distance[:, 1 : ALONG + 1, None], 1e-300)
@@ -75,7 +74,6 @@ def local_spacing(
     on_solid: NDArray[np.bool_],
     points: NDArray[np.float64],
     tree: KdTree,
-    n_threads: int,
 ) -> NDArray[np.float64]:
     """Correct the spacing where the regional value is too small: scenes, and uneven density.
 
@@ -85,13 +83,13 @@ def local_spacing(
         Edge of the square that one point covers in the region of each point.
     on_solid : (n,) bool
         Points for which the regional value is valid unless the density is uneven.
-    points, tree, n_threads
+    points, tree
         As in :func:`spacing_around`.
 
     Returns
     -------
     (n,) float64
     """
-    mean, widest = spacing_around(points, tree, n_threads)
+    mean, widest = spacing_around(points, tree)
     holds = np.where(on_solid, mean, widest) <= UNEVEN * spacing
     return np.where(holds, spacing, widest)

@@ -17,6 +17,7 @@ from o3d_sofnn._kernels import KdTree, handle_edges, intersecting_pairs, label_p
 from o3d_sofnn._kernels import open_handles as native_open_handles
 from o3d_sofnn.geometry.mesh_properties import with_corner_in
 from o3d_sofnn.meshing.repair.relaxation import smooth_closings
+from o3d_sofnn.threads import thread_count
 
 REACH = 3.0
 """Radius of a ball that contains a removed handle, divided by the spacing."""
@@ -51,7 +52,7 @@ Triangles = NDArray[np.int32]
 
 
 def open_handles(
-    vertices: Array, triangles: Triangles, spacing: Callable[[Array], Array], n_threads: int = 1
+    vertices: Array, triangles: Triangles, spacing: Callable[[Array], Array]
 ) -> tuple[Array, Triangles, NDArray[np.int64]]:
     """Remove small handles of a closed mesh, unless their lids would intersect other triangles.
 
@@ -62,8 +63,6 @@ def open_handles(
         A closed manifold without intersecting triangles.
     spacing : callable
         Maps (k, 3) queries to the (k,) distances between neighbouring samples there.
-    n_threads : int, default 1
-        Number of threads.
 
     Returns
     -------
@@ -79,10 +78,10 @@ def open_handles(
         opened, changed, source, on_cut, seeds = _cut(vertices, triangles, spacing, left)
         if not on_cut.any():
             break
-        opened, crossing = _draw_back(opened, changed, on_cut, n_threads)
+        opened, crossing = _draw_back(opened, changed, on_cut)
         if not len(crossing):
             return opened, changed, source
-        left = np.concatenate([left, seeds[_nearest(seeds, crossing, n_threads)[1]]])
+        left = np.concatenate([left, seeds[_nearest(seeds, crossing)[1]]])
     return vertices, triangles, np.arange(len(vertices))
 
 
@@ -101,7 +100,7 @@ def _cut(
         middles = vertices[triangles.ravel()[ends]].mean(axis=0)
         reach = REACH * spacing(middles)
         if len(left):
-            free = _nearest(left, middles, 1)[0] > reach
+            free = _nearest(left, middles)[0] > reach
             edges, middles, reach = edges[free], middles[free], reach[free]
         opened = native_open_handles(vertices, triangles, edges, reach, LARGEST)
         vertices, changed, like, touched = map(np.asarray, opened)
@@ -113,9 +112,9 @@ def _cut(
     return vertices, triangles, source, on_cut, np.concatenate(seeds)
 
 
-def _nearest(points: Array, x: Array, n_threads: int) -> tuple[Array, NDArray[np.int64]]:
+def _nearest(points: Array, x: Array) -> tuple[Array, NDArray[np.int64]]:
     """Return the distances and indices of the points nearest to queries."""
-    distance, number = KdTree(points, n_threads).query(x, 1, np.inf, n_threads)
+    distance, number = KdTree(points, thread_count()).query(x, 1, np.inf, thread_count())
     return distance[:, 0], number[:, 0]
 
 
@@ -126,7 +125,7 @@ def has_handles(vertices: Array, triangles: Triangles) -> bool:
 
 
 def _draw_back(
-    vertices: Array, triangles: Triangles, on_cut: NDArray[np.bool_], n_threads: int
+    vertices: Array, triangles: Triangles, on_cut: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
     """Pull each lid back to its own side; also return corners of triangles that still intersect."""
     near, rings = on_cut.copy(), RINGS
@@ -135,7 +134,7 @@ def _draw_back(
             near[triangles[with_corner_in(near, triangles)]] = True
         vertices = smooth_closings(vertices, triangles, np.where(near, 0.0, 1.0))
         moved = with_corner_in(near, triangles)
-        pairs = np.asarray(intersecting_pairs(vertices, triangles, moved, n_threads))
+        pairs = np.asarray(intersecting_pairs(vertices, triangles, moved, thread_count()))
         crossing = triangles[pairs.ravel()].ravel()
         if not len(crossing):
             break

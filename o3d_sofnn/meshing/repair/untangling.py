@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import intersecting_pairs
 from o3d_sofnn.geometry.mesh_properties import with_corner_in
+from o3d_sofnn.threads import thread_count
 
 Array = NDArray[np.float64]
 
@@ -19,7 +20,7 @@ Array = NDArray[np.float64]
 Triangles = NDArray[np.int32]
 
 
-def untangle(steps: Sequence[Array], triangles: Triangles, n_threads: int) -> Array:
+def untangle(steps: Sequence[Array], triangles: Triangles) -> Array:
     """Undo moves until no triangle intersects, touches or covers another one.
 
     Of the corners of two triangles that do so, the one that moved farthest in the last step that
@@ -31,8 +32,6 @@ def untangle(steps: Sequence[Array], triangles: Triangles, n_threads: int) -> Ar
         Positions of the vertices: initially, without intersections, and after each step.
     triangles : (t, 3) int32
         Triangles; shared vertices and edges do not count as intersections.
-    n_threads : int
-        Number of threads.
 
     Returns
     -------
@@ -44,7 +43,7 @@ def untangle(steps: Sequence[Array], triangles: Triangles, n_threads: int) -> Ar
     suspect = with_corner_in((vertices != steps[0]).any(axis=1), triangles)
     way = np.zeros(len(vertices))
     while suspect.any():
-        pairs = np.asarray(intersecting_pairs(vertices, triangles, suspect, n_threads))
+        pairs = np.asarray(intersecting_pairs(vertices, triangles, suspect, thread_count()))
         corners = triangles[pairs].reshape(-1, 6)
         used = np.unique(corners)
         way[used] = 0.0

@@ -11,6 +11,7 @@ from o3d_sofnn._kernels import KdTree, fit_scales
 from o3d_sofnn.geometry.vectors import unit
 from o3d_sofnn.sampling.local_fit import spacing_of
 from o3d_sofnn.sampling.scales.noise import noise_level, untruncated
+from o3d_sofnn.threads import thread_count
 
 SCALES = np.array([8, 12, 18, 27, 40, 60, 90, 135, 200, 300, 450, 675, 1000], np.int64)
 """Neighbourhood sizes tried, a factor of 1.5 apart."""
@@ -91,24 +92,21 @@ class Scale:
     spacing: NDArray[np.float64]
     least: NDArray[np.int64]
 
-    def at(self, x: NDArray[np.float64], n_threads: int) -> NDArray[np.int64]:
+    def at(self, x: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return the index of the pilot nearest to each row of `x`."""
-        return np.asarray(self.tree.query(x, 1, np.inf, n_threads)[1][:, 0])
+        return np.asarray(self.tree.query(x, 1, np.inf, thread_count())[1][:, 0])
 
-    def enough(
-        self, n_neighbors: NDArray[np.int64], x: NDArray[np.float64], n_threads: int
-    ) -> NDArray[np.int64]:
+    def enough(self, n_neighbors: NDArray[np.int64], x: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return sizes, (n,), of neighbourhoods around `x`, raised to :attr:`least` there."""
         if not len(n_neighbors) or self.least.max() <= n_neighbors.min():
             return n_neighbors
-        return np.maximum(n_neighbors, self.least[self.at(x, n_threads)])
+        return np.maximum(n_neighbors, self.least[self.at(x)])
 
 
 def choose_scale(
     points: NDArray[np.float64],
     tree: KdTree,
     limits: Limits,
-    n_threads: int,
     *,
     sight: NDArray[np.float64] | None = None,
 ) -> Scale:
@@ -127,8 +125,6 @@ def choose_scale(
         Tree of `points`.
     limits : Limits
         Largest neighbourhood allowed.
-    n_threads : int
-        Number of threads.
     sight : (n, 3) float64, optional
         Vectors of any length from the points to where they were seen from, zero where unknown.
 
@@ -141,12 +137,12 @@ def choose_scale(
     sizes = sizes_to_try(n, limits.max_nn)
     rows = np.linspace(0, n - 1, min(n, PILOTS)).astype(np.int64)
     pilots = points[rows]
-    pilot_tree = KdTree(pilots, n_threads)
-    region = pilot_tree.query(pilots, min(REGION, len(pilots)), np.inf, n_threads)[1]
+    pilot_tree = KdTree(pilots, thread_count())
+    region = pilot_tree.query(pilots, min(REGION, len(pilots)), np.inf, thread_count())[1]
     normals = np.empty((len(pilots), 0, 3))
     rms, radii = np.empty((2, len(pilots), 0))
     for some in (sizes[:FEW], sizes[FEW:]):
-        fits = fit_scales(tree, points, pilots, some, n_threads)
+        fits = fit_scales(tree, points, pilots, some, thread_count())
         normals, rms, radii = (
             np.concatenate([known, more], axis=1)
             for known, more in zip((normals, rms, radii), fits[:3], strict=True)

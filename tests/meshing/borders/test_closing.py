@@ -54,7 +54,7 @@ def test_the_winding_number_knows_solids_from_sheets():
     dish = dish[dish[:, 2] < -0.6]
     sheet = plane_patch(1500, size=2.0).moved((5.0, 4.0, 0.0)).points
     points = np.concatenate([ball, ring, dish, sheet])
-    of_rules, of_points = solids(estimate_normals(points).rules, points, 1)
+    of_rules, of_points = solids(estimate_normals(points).rules, points)
     np.testing.assert_array_equal(of_points, points[:, 1] < 2.0)
     assert of_rules.any()
     assert not of_rules.all()

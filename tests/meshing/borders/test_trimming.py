@@ -83,7 +83,7 @@ def test_strays_go():
     vertices, triangles = ball()
     both = np.concatenate([vertices, vertices + 5.0])
     doubled = np.concatenate([triangles, triangles + len(vertices)]).astype(np.int32)
-    kept, used = drop_strays(both, doubled, sphere(500).points, 1)
+    kept, used = drop_strays(both, doubled, sphere(500).points)
     np.testing.assert_array_equal(kept, triangles)
     np.testing.assert_array_equal(used, np.arange(len(vertices)))
 

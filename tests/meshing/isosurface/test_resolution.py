@@ -26,7 +26,7 @@ def cube():
 
 def test_curvature_and_accuracy_decide():
     rules = estimate_normals(sphere(8000).points).rules
-    flat = flat_edges(rules, 1)
+    flat = flat_edges(rules)
     error = np.maximum(2.0 * rules.noise / np.sqrt(rules.n_neighbors), 1e-3 * rules.radius)
     ratio = flat / np.sqrt(8.0 * error)  # the curvature is 1
     assert 0.95 < np.median(ratio) < 1.02
@@ -36,7 +36,7 @@ def test_curvature_and_accuracy_decide():
 
 def test_planes_allow_large_cubes_and_edges_do_not(cube):
     _, _, rules = cube
-    flat = flat_edges(rules, 1)
+    flat = flat_edges(rules)
     from_edge = np.sort(0.5 - abs(rules.centers), axis=1)[:, 1]  # of the face that it lies on
     assert (flat[from_edge < 0.01] == 0.0).mean() > 0.9
     assert (flat[from_edge > 0.2] > rules.radius[from_edge > 0.2]).all()
@@ -44,10 +44,10 @@ def test_planes_allow_large_cubes_and_edges_do_not(cube):
 
 def test_cubes_beside_edges_are_finer(cube):
     points, spacing, rules = cube
-    flat = flat_edges(rules, 1)
+    flat = flat_edges(rules)
     size = choose_voxel_size(points, spacing, rules, flat)
     finest, levels = choose_levels(
-        points, np.full(len(points), spacing), rules, flat, (size, np.inf), 1
+        points, np.full(len(points), spacing), rules, flat, (size, np.inf)
     )
     assert finest <= 0.8 * spacing < size <= 1.6 * spacing
     near = KdTree(rules.centers, 1).query(points, 1, np.inf, 1)[1][:, 0]
@@ -57,7 +57,7 @@ def test_cubes_beside_edges_are_finer(cube):
 def test_who_gives_a_resolution_gets_it_everywhere(cube):
     points, spacing, rules = cube
     sparse = np.where(points[:, 0] < 0.0, spacing, 4.0 * spacing)
-    size, finest, levels = choose_cubes(points, points, sparse, spacing, rules, 1.0 / 32, 1)
+    size, finest, levels = choose_cubes(points, points, sparse, spacing, rules, 1.0 / 32)
     assert size == finest == pytest.approx(np.ptp(points, axis=0).max() / 32, rel=1e-2)
     assert not levels.any()
 
@@ -103,7 +103,7 @@ def lines(step, gap, n_lines=40):
 @pytest.mark.parametrize("ratio", [1.0, 4.0, 12.0])
 def test_the_spacing_is_that_across_scan_lines(ratio):
     points = lines(1.0, ratio, 80 if ratio == 1.0 else 20)
-    mean, widest = spacing_around(points, KdTree(points, 1), 1)
+    mean, widest = spacing_around(points, KdTree(points, 1))
     assert 0.75 * ratio < np.median(widest) < 1.25 * ratio
     assert (widest >= mean).all()
     # The area that one point covers is known, however the points lie.
@@ -115,10 +115,10 @@ def test_the_spacing_of_a_region_holds_where_the_density_is_even():
     tree = KdTree(points, 1)
     spacing = np.full(len(points), np.sqrt(4.0 * np.pi / len(points)))
     solid = np.ones(len(points), bool)
-    np.testing.assert_array_equal(local_spacing(spacing, solid, points, tree, 1), spacing)
-    sheet = local_spacing(spacing, ~solid, points, tree, 1)
+    np.testing.assert_array_equal(local_spacing(spacing, solid, points, tree), spacing)
+    sheet = local_spacing(spacing, ~solid, points, tree)
     assert (sheet == spacing).mean() > 0.99
-    uneven = local_spacing(0.4 * spacing, solid, points, tree, 1)
+    uneven = local_spacing(0.4 * spacing, solid, points, tree)
     assert (uneven > 0.75 * spacing).mean() > 0.95
 
 

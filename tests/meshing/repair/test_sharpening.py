@@ -31,7 +31,7 @@ def extracted(function):
 
 def test_edges_and_corners_of_a_cube_are_met():
     before, triangles = extracted(cube)
-    after = untangle([before, sharpen(before, triangles, cube)], triangles, 1)
+    after = untangle([before, sharpen(before, triangles, cube)], triangles)
     assert_valid_mesh(after, triangles, components=1)
     missing = [8.0 - signed_volume(vertices, triangles) for vertices in (before, after)]
     assert abs(missing[1]) < 0.1 * missing[0]

@@ -24,7 +24,7 @@ def test_only_what_cuts_goes_back(ball):
     rng = np.random.default_rng(0)
     near = start[:, 2] > 0.7
     shift = np.where(near[:, None], rng.normal(0.0, 0.08, start.shape), 0.01)
-    result = untangle([start, start + shift], triangles, 1)
+    result = untangle([start, start + shift], triangles)
     assert_no_intersections(result, triangles)
     back = (result == start).all(axis=1)
     np.testing.assert_array_equal(result[~back], (start + shift)[~back])
@@ -36,7 +36,7 @@ def test_one_step_after_the_other(ball):
     start, triangles = ball
     steps = [start, 1.1 * start, 1.1 * start]
     steps[2] = steps[2] + np.random.default_rng(0).normal(0.0, 0.03, start.shape)
-    result = untangle(steps, triangles, 1)
+    result = untangle(steps, triangles)
     assert_no_intersections(result, triangles)
     stage = np.stack([(result == step).all(axis=1) for step in steps])
     assert stage.any(axis=0).all()
@@ -47,7 +47,7 @@ def test_one_step_after_the_other(ball):
 def test_a_step_without_a_move_is_passed_over(ball):
     start, triangles = ball
     wild = start + np.random.default_rng(0).normal(0.0, 0.06, start.shape)
-    once, twice = (untangle(steps, triangles, 1) for steps in ([start, wild], [start, wild, wild]))
+    once, twice = (untangle(steps, triangles) for steps in ([start, wild], [start, wild, wild]))
     assert_no_intersections(once, triangles)
     assert_no_intersections(twice, triangles)
 
@@ -61,8 +61,8 @@ def test_threads_change_nothing(ball):
 
 def test_good_moves_stay(ball):
     start, triangles = ball
-    np.testing.assert_array_equal(untangle([start, 2.0 * start], triangles, 1), 2.0 * start)
-    np.testing.assert_array_equal(untangle([start, start], triangles, 1), start)
+    np.testing.assert_array_equal(untangle([start, 2.0 * start], triangles), 2.0 * start)
+    np.testing.assert_array_equal(untangle([start, start], triangles), start)
 
 
 def noise(points, sigma):
