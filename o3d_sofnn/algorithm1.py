@@ -179,9 +179,7 @@ def infer(learned: Learned, options: Options, clock: Clock) -> tuple[NormalEstim
         normals, agreement, residual = infer_normals(
             rules, cloud.points, sides=sides, experience=learned.experience
         )
-        nearest = KdTree(rules.feet, thread_count()).query(cloud.points, 1, np.inf, thread_count())[
-            1
-        ][:, 0]
+        nearest = KdTree(rules.feet, thread_count()).query(cloud.points, 1, np.inf)[1][:, 0]
         confidence = np.where(learned.hanging, 0.0, agreement * rules.confidence[nearest])
         noise = rules.noise[nearest]
         spacing = float(np.median(samples.scale.spacing))

@@ -144,7 +144,7 @@ class Field:
         """Differences of the level from that of all, at some places; None where there are none."""
         rows = np.linspace(0, len(places) - 1, min(len(places), LEVELS)).astype(np.int64)
         some, k = np.ascontiguousarray(places[rows]), min(AVERAGED, len(places))
-        near = KdTree(places, thread_count()).query(some, k, np.inf, thread_count())[1]
+        near = KdTree(places, thread_count()).query(some, k, np.inf)[1]
         off = winding[near].mean(axis=1) - self.level
         off = sheet[near].mean(axis=1) * (off - np.clip(off, -SAME, SAME))
         return (KdTree(some, thread_count()), off) if off.any() else None
@@ -154,7 +154,7 @@ class Field:
         if self._levels is None:
             return self.level
         tree, off = self._levels
-        distance, near = tree.query(x, min(NEAR_LEVELS, len(off)), np.inf, thread_count())
+        distance, near = tree.query(x, min(NEAR_LEVELS, len(off)), np.inf)
         weight = 1.0 / np.maximum(distance, 1e-9) ** 2
         return np.asarray(self.level + (weight * off[near]).sum(axis=1) / weight.sum(axis=1))
 
@@ -162,21 +162,19 @@ class Field:
         self, x: NDArray[np.float64], spacing: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Return the winding number at queries `x`, (m,), smoothed according to the spacing."""
-        return np.asarray(
-            self._far_tree.winding(self._dipoles, x, WIDTH * spacing, OPENING, thread_count())
-        )
+        return np.asarray(self._far_tree.winding(self._dipoles, x, WIDTH * spacing, OPENING))
 
     def nearest(
         self, x: NDArray[np.float64], k: int
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Return the distances to the `k` nearest samples, (m, k), and their indices."""
         k = min(k, len(self._spacing))
-        distance, index = self._samples.query(x, k, np.inf, thread_count())
+        distance, index = self._samples.query(x, k, np.inf)
         return np.asarray(distance), np.asarray(index)
 
     def spacing_at(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the spacing, (m,), of the samples nearest to queries (m, 3)."""
-        return np.asarray(self._spacing[self._samples.query(x, 1, np.inf, thread_count())[1][:, 0]])
+        return np.asarray(self._spacing[self._samples.query(x, 1, np.inf)[1][:, 0]])
 
     def __call__(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Evaluate the field.
@@ -205,7 +203,7 @@ class Field:
     def _evaluate(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         # Beyond the reach of the widest spacing, the search ends early with an infinite distance.
         limit = REACH[1] * float(self._spacing.max())
-        distance, nearest = self._samples.query(x, 1, limit, thread_count())
+        distance, nearest = self._samples.query(x, 1, limit)
         spacing = self._spacing[np.minimum(nearest[:, 0], len(self._spacing) - 1)]
         support = fade(distance[:, 0] / spacing, *REACH)
         share = fade(distance[:, 0] / (self._reach * spacing), *REACH)
@@ -220,7 +218,6 @@ class Field:
             self.surfaces.n_terms,
             np.ascontiguousarray(x[near]),
             min(NEAREST, len(self.rules)),
-            thread_count(),
         )
         agree = local * far[near] > 0.0
         blend = weight[near] * local + (1.0 - weight[near]) * far[near]

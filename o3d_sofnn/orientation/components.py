@@ -40,7 +40,7 @@ def turn_along(
     if not (turned.any() or replaced.any()):
         return sides
     tree = KdTree(before.feet, thread_count())
-    index = tree.query(points, min(4, len(before)), np.inf, thread_count())[1]
+    index = tree.query(points, min(4, len(before)), np.inf)[1]
     same = np.einsum("nkd,nd->nk", before.normals[index], sides) > 0.0
     first = index[np.arange(len(points)), same.argmax(axis=1)]
     new = index[np.arange(len(points)), replaced[index].argmax(axis=1)]
@@ -64,7 +64,7 @@ def pieces(rules: RuleBase) -> NDArray[np.int64]:
     """
     k = min(9, len(rules))
     tree = KdTree(rules.feet, thread_count())
-    distance, index = tree.query(rules.feet, k, np.inf, thread_count())
+    distance, index = tree.query(rules.feet, k, np.inf)
     near = distance <= np.minimum(rules.radius[:, None], rules.radius[index])
     row, column = np.nonzero(near)
     graph = scipy.sparse.coo_matrix(

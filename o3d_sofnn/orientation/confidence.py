@@ -114,11 +114,9 @@ def winding_before(rules: RuleBase, steps: tuple[float, ...]) -> list[NDArray[np
     feet, normals = rules.feet, rules.normals
     index = KdTree(feet, thread_count())
     area = neighborhood_areas(feet, index)
-    near = index.query(feet, min(AROUND, len(feet)), np.inf, thread_count())[1]
+    near = index.query(feet, min(AROUND, len(feet)), np.inf)[1]
     spacing = np.sqrt(np.median(area[near], axis=1))
     tree = WindingTree(feet, area)
     mu = area[:, None] * normals
     places = [np.ascontiguousarray(feet + step * spacing[:, None] * normals) for step in steps]
-    return [
-        np.asarray(tree.winding(mu, x, SMOOTH * spacing, OPENING, thread_count())) for x in places
-    ]
+    return [np.asarray(tree.winding(mu, x, SMOOTH * spacing, OPENING)) for x in places]

@@ -78,7 +78,7 @@ def unify(
         Number of the sheet that each rule belongs to.
     """
     n, normals, feet = len(rules), rules.normals, rules.feet
-    index = KdTree(feet, thread_count()).query(feet, min(9, n), np.inf, thread_count())[1][:, 1:]
+    index = KdTree(feet, thread_count()).query(feet, min(9, n), np.inf)[1][:, 1:]
     a, b = np.repeat(np.arange(n), index.shape[1]), index.ravel()
     step = feet[b] - feet[a]
     length = np.maximum(np.linalg.norm(step, axis=1), 1e-300)

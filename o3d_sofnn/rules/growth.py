@@ -76,7 +76,7 @@ def generate(
         Arguments of :func:`o3d_sofnn.rules.rule_base.fit_rules` for the new rules only.
     """
     tree = KdTree(rules.centers, thread_count())
-    distance, index = tree.query(points, 1, np.inf, thread_count())
+    distance, index = tree.query(points, 1, np.inf)
     d_min, nearest = distance[:, 0], index[:, 0]
     size, radius = rules.n_neighbors[nearest], rules.radius[nearest]
     new = (np.abs(residual) > ERROR * rules.tolerance[nearest]) & (
@@ -164,7 +164,7 @@ def combine(rules: RuleBase) -> RuleBase:
     if len(rules) < 2:
         return rules
     tree = KdTree(rules.centers, thread_count())
-    distance, index = tree.query(rules.centers, 2, np.inf, thread_count())
+    distance, index = tree.query(rules.centers, 2, np.inf)
     row = np.arange(len(rules))
     other = np.where(index[:, 0] == row, index[:, 1], index[:, 0])
     normals = rules.normals
@@ -196,7 +196,7 @@ def adjust(rules: RuleBase, points: NDArray[np.float64]) -> RuleBase:
         The same rules, moved along their normals.
     """
     k = min(NEAREST, len(rules))
-    gradient, share = consequent_errors(rules.view(), points, k, thread_count())
+    gradient, share = consequent_errors(rules.view(), points, k)
     step = RATE * gradient / np.maximum(share, 1e-12)
     return rules.raised(step)
 

@@ -82,9 +82,7 @@ def lessons(points: Array, normals: Array, count: int) -> Lessons:
     row = np.linspace(0, len(learned.sides) - 1, count).astype(np.int64)
     x, side = learned.samples.points[row], learned.sides[row]
     truth = normals[learned.cloud.first[learned.samples.kept][row]]
-    near = KdTree(base.centers, thread_count()).query(
-        x, min(NEAREST, len(base)), np.inf, thread_count()
-    )[1]
+    near = KdTree(base.centers, thread_count()).query(x, min(NEAREST, len(base)), np.inf)[1]
     rules = Rules(
         base.centers,
         base.frames,

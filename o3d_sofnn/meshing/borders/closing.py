@@ -180,7 +180,7 @@ class Judge:
             return np.zeros(0, bool)
         tree = KdTree(vertices, thread_count())
         samples = np.ascontiguousarray(self._field.samples[rows])
-        index = tree.query(samples, min(NEAREST, len(vertices)), np.inf, thread_count())[1]
+        index = tree.query(samples, min(NEAREST, len(vertices)), np.inf)[1]
         cosine = np.einsum("skd,sd->sk", facing[index], self._field.normals[rows])
         return np.asarray((cosine > 0.0).any(axis=1))
 

@@ -61,7 +61,7 @@ def drop_strays(
     label = np.asarray(label_pieces(triangles, len(vertices)))
     if not label.any():
         return _compact(triangles, len(vertices))
-    nearest = KdTree(vertices, thread_count()).query(samples, 1, np.inf, thread_count())[1][:, 0]
+    nearest = KdTree(vertices, thread_count()).query(samples, 1, np.inf)[1][:, 0]
     count = np.bincount(label[nearest], minlength=int(label.max(initial=0)) + 1)
     return _compact(
         triangles[(count >= min(SAMPLES, int(count.max())))[label[triangles[:, 0]]]], len(vertices)

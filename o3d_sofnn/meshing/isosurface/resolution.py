@@ -84,9 +84,7 @@ def flat_edges(rules: RuleBase) -> NDArray[np.float64]:
     """
     around = min(AROUND, len(rules))
     normals = rules.normals
-    near = KdTree(rules.centers, thread_count()).query(
-        rules.centers, around, np.inf, thread_count()
-    )[1]
+    near = KdTree(rules.centers, thread_count()).query(rules.centers, around, np.inf)[1]
     bent = np.einsum("rkd,rd->rk", normals[near], normals).min(axis=1) < BENT
     error = np.maximum(ACCURACY * rules.noise / np.sqrt(rules.n_neighbors), CLEAN * rules.radius)
     # A chord of this length deviates from an arc by that error.
@@ -202,9 +200,7 @@ def choose_levels(
         The cubes around a sample have an edge of ``finest * 2**level``.
     """
     size, most = sizes
-    nearest = KdTree(rules.centers, thread_count()).query(samples, 1, np.inf, thread_count())[1][
-        :, 0
-    ]
+    nearest = KdTree(rules.centers, thread_count()).query(samples, 1, np.inf)[1][:, 0]
     # Wide rules must not cause gaps.
     resolved = np.minimum(RESOLVED * rules.radius[nearest], size)
     least = np.maximum(SPACING * spacing, resolved)

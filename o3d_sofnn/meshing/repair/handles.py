@@ -114,7 +114,7 @@ def _cut(
 
 def _nearest(points: Array, x: Array) -> tuple[Array, NDArray[np.int64]]:
     """Return the distances and indices of the points nearest to queries."""
-    distance, number = KdTree(points, thread_count()).query(x, 1, np.inf, thread_count())
+    distance, number = KdTree(points, thread_count()).query(x, 1, np.inf)
     return distance[:, 0], number[:, 0]
 
 
