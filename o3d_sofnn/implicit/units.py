@@ -151,7 +151,7 @@ def reconstruct_units(
         tree,
         points,
         normals,
-        rules.view(),
+        rules.plain_view,
         rules.n_neighbors,
         own,
         limit,

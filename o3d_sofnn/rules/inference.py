@@ -51,8 +51,8 @@ def infer_normals(
     residual : (n,) float64
         Signed distance to the quadric of the rule with the largest membership.
     """
-    gates = None if experience is None else experience.gates(rules)
-    neurons = None if experience is None else experience.neurons
-    view = rules.view(gates, neurons)
+    view = rules.plain_view
+    if experience is not None:
+        view = rules.view(experience.gates(rules), experience.neurons)
     normals, agreement, residual = native_infer_normals(view, x, sides, min(k, len(rules)))
     return np.asarray(normals), np.asarray(agreement), np.asarray(residual)

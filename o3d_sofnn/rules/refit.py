@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.rules.rule_base import RuleBase, fit_rules
 from o3d_sofnn.sampling.local_fit import RADIUS, Neighborhoods
-from o3d_sofnn.threads import thread_count
 
 UNDISPUTED = 0.95
 """Share of the neighbourhood facing the side of a rule above which all of it belongs there."""
@@ -75,7 +74,7 @@ def read_normals(rules: RuleBase, points: NDArray[np.float64]) -> NDArray[np.boo
     moved = np.linalg.norm(again.feet - again.centers, axis=1)
     reach = np.sqrt(again.stretch) * again.radius / RADIUS + moved
     widest = np.full(len(points), 1.001 * reach.max())  # the margin exceeds the rounding of radii
-    return np.asarray(KdTree(again.feet, thread_count()).crowded(points, 1, widest), bool)
+    return np.asarray(again.foot_tree.crowded(points, 1, widest), bool)
 
 
 def _disputed(rules: RuleBase) -> NDArray[np.bool_]:

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.geometry.vectors import longest_side
 from o3d_sofnn.rules.rule_base import RuleBase
-from o3d_sofnn.threads import thread_count
 
 SIDE = 1024
 """Number of cubes along the longest side that is always allowed, however few points a wide scene
@@ -84,7 +82,7 @@ def flat_edges(rules: RuleBase) -> NDArray[np.float64]:
     """
     around = min(AROUND, len(rules))
     normals = rules.normals
-    near = KdTree(rules.centers, thread_count()).query(rules.centers, around, np.inf)[1]
+    near = rules.center_tree.query(rules.centers, around, np.inf)[1]
     bent = np.einsum("rkd,rd->rk", normals[near], normals).min(axis=1) < BENT
     error = np.maximum(ACCURACY * rules.noise / np.sqrt(rules.n_neighbors), CLEAN * rules.radius)
     # A chord of this length deviates from an arc by that error.
@@ -200,7 +198,7 @@ def choose_levels(
         The cubes around a sample have an edge of ``finest * 2**level``.
     """
     size, most = sizes
-    nearest = KdTree(rules.centers, thread_count()).query(samples, 1, np.inf)[1][:, 0]
+    nearest = rules.center_tree.query(samples, 1, np.inf)[1][:, 0]
     # Wide rules must not cause gaps.
     resolved = np.minimum(RESOLVED * rules.radius[nearest], size)
     least = np.maximum(SPACING * spacing, resolved)
