@@ -181,7 +181,9 @@ def infer(learned: Learned, options: Options, clock: Clock) -> tuple[NormalEstim
         confidence = np.where(learned.hanging, 0.0, agreement * rules.confidence[nearest])
         noise = rules.noise[nearest]
         spacing = float(np.median(samples.scale.spacing))
-        doubt = (1.0 - confidence) * np.minimum(1.0, 2.0 * noise / spacing)
+        # Where the sides of a whole sheet are arbitrary, only the rules say how it lies.
+        sure = np.where(rules.confidence[nearest] > 0.0, confidence, agreement)
+        doubt = (1.0 - sure) * np.minimum(1.0, 2.0 * noise / spacing)
         leaning = leaned(normals, sides, doubt)
         noise = learned.steps.given(noise, cloud.points)
         level = learned.steps.given(samples.scale.noise, samples.scale.places)

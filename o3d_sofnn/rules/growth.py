@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn._kernels import consequent_errors
+from o3d_sofnn._kernels import KdTree, consequent_errors
 from o3d_sofnn.rules.inference import NEAREST, infer_normals
 from o3d_sofnn.rules.refit import read_normals, revise
 from o3d_sofnn.rules.rule_base import NOISE_TOLERANCE, SHAPE_TOLERANCE, RuleBase, fit_rules
@@ -57,6 +57,7 @@ def generate(
     rules: RuleBase,
     points: NDArray[np.float64],
     residual: NDArray[np.float64],
+    tree: KdTree,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
     """Find where new rules are needed: where the error is too large and no rule is near.
 
@@ -68,6 +69,8 @@ def generate(
         Distinct points.
     residual : (n,) float64
         System error of each point.
+    tree : KdTree
+        Tree of `points`.
 
     Returns
     -------
@@ -77,9 +80,12 @@ def generate(
     distance, index = rules.center_tree.query(points, 1, np.inf)
     d_min, nearest = distance[:, 0], index[:, 0]
     size, radius = rules.n_neighbors[nearest], rules.radius[nearest]
-    new = (np.abs(residual) > ERROR * rules.tolerance[nearest]) & (
-        d_min > BOUNDARY * rules.spacing[nearest]
-    )
+    error = np.abs(residual) / rules.tolerance[nearest]
+    new = (error > ERROR) & (d_min > BOUNDARY * rules.spacing[nearest])
+    # A single point off the surface is noise: its neighbours must be off it as well.
+    some = np.flatnonzero(new)
+    around = tree.query(points[some], min(FEWEST, len(points)), np.inf)[1]
+    new[some] = np.median(error[around], axis=1) > ERROR
     width = OVERLAP * d_min[new]  # Eq. (10)
     count = np.rint(size[new] * (2.0 * width / radius[new]) ** 2).astype(np.int64)
     count = np.minimum(np.clip(count, FEWEST, size[new]), len(points))
@@ -227,7 +233,7 @@ def grow(
     tree, points = samples.tree, samples.points
     normals, _, residual = infer_normals(rules, points, sides=sides, experience=experience)
     facing = sides_around(rules.centers, rules.normals, normals, tree)
-    centers, count, noise = generate(rules, points, residual)
+    centers, count, noise = generate(rules, points, residual, tree)
     side = infer_normals(rules, centers)[0]
     size, across, stretch = reshape(rules, limits.max_nn, limits.radius)
     places = np.concatenate([rules.feet, centers])

@@ -60,6 +60,15 @@ def test_neighborhoods_grow_with_the_noise():
     assert found[0] < found[2]
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_hardly_a_place_in_a_layer_of_noise_has_a_fit_smaller_than_the_layer(seed):
+    # Normals of fits within the layer are random, and agree by chance in some regions.
+    scale = scale_of(plane_patch(60_000, seed=seed).noisy(0.015).points)
+    spacing = 1.0 / np.sqrt(60_000)
+    radius = spacing * np.sqrt(np.percentile(scale.n_neighbors, 1) / np.pi)
+    assert radius > 2.0 * 0.015
+
+
 def test_neighborhoods_shrink_at_edges():
     scale = scale_of(box(5000).noisy(0.002).points)
     assert np.median(scale.n_neighbors) < 100

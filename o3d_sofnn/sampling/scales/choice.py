@@ -13,7 +13,7 @@ from o3d_sofnn.sampling.local_fit import spacing_of
 from o3d_sofnn.sampling.scales.noise import noise_level, untruncated
 from o3d_sofnn.threads import thread_count
 
-SCALES = np.array([8, 12, 18, 27, 40, 60, 90, 135, 200, 300, 450, 675, 1000], np.int64)
+SCALES = np.array([8, 12, 18, 27, 40, 60, 90, 135, 200, 300, 450, 675, 1000, 1500, 2250], np.int64)
 """Neighbourhood sizes tried, a factor of 1.5 apart."""
 
 
@@ -27,6 +27,13 @@ FEW = 11
 
 REGION = 24
 """Number of pilots in a region."""
+
+
+FLAT = 0.28
+"""Largest residual, divided by the radius, of fits whose agreement counts. In a layer of noise,
+fits smaller than its thickness have 0.30; on thin parts that are as thick as the noise, the right
+ones have little less. Without this limit a cylinder of 100,000 points with 1.2 % noise gets fits to
+27 points in 1 place of 20."""
 
 
 WIDE, ENOUGH = 0.25, 40
@@ -151,8 +158,10 @@ def choose_scale(
         disagreement = np.arccos(np.clip(cosine, 0.0, 1.0))
         regional = (disagreement[region].mean(axis=1) + 0.25 * disagreement.mean(axis=0)) / 1.25
         # Below the noise both normals are random and agree by chance: that minimum does not count.
+        flat = (rms <= FLAT * radii)[region, : regional.shape[1]].mean(axis=1) >= 0.5
+        agreeing = flat & (regional < RANDOM)
         rising = np.zeros(regional.shape, bool)
-        rising[:, :-1] = (regional[:, 1:] >= regional[:, :-1]) & (regional[:, :-1] < RANDOM)
+        rising[:, :-1] = (regional[:, 1:] >= regional[:, :-1]) & agreeing[:, :-1]
         if (~rising.any(axis=1)).mean() < 0.05 or len(sizes) <= FEW:
             break
     # Take the first minimum: above the size of a thin part, wrong normals agree with each other.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.sampling.local_fit import Neighborhoods, fit_quadrics, sides_around
-from o3d_sofnn.sampling.scales.choice import REGION, Limits, Scale, sizes_to_try, within
+from o3d_sofnn.sampling.scales.choice import FEW, REGION, Limits, Scale, sizes_to_try, within
 
 HEIGHTS = 4.0
 """Weight of a height difference, divided by the radius of a medium-sized fit, relative to one in
@@ -53,6 +53,8 @@ def refine_scale(
         New sizes at the same pilots; noise and spacing do not change.
     """
     sizes = sizes_to_try(len(points), limits.max_nn)
+    first = np.searchsorted(sizes, scale.n_neighbors)
+    sizes = sizes[: max(FEW, first.max() + 3)]
     places = scale.places
     nearest = tree.query(places, 1, np.inf)[1][:, 0]
     facing = sides_around(places, sides[nearest], sides, tree)
@@ -79,5 +81,4 @@ def refine_scale(
     chosen = (regional + 0.25 * difference.mean(axis=0)).argmin(axis=1)
     chosen = np.maximum(chosen, np.searchsorted(sizes, scale.least))
     chosen = within(np.minimum(chosen, len(sizes) - 1), sizes, radius, limits)
-    first = np.searchsorted(sizes, scale.n_neighbors)
     return replace(scale, n_neighbors=sizes[(first + chosen + 1) // 2])
