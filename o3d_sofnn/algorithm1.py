@@ -28,6 +28,7 @@ from o3d_sofnn.sampling.scales.choice import Limits
 from o3d_sofnn.sampling.scales.refinement import refine_scale
 from o3d_sofnn.sampling.sight import between
 from o3d_sofnn.sampling.suitability import unsuitable
+from o3d_sofnn.sampling.thinning import thinned
 from o3d_sofnn.sampling.typical_data import typical_data
 
 Array = NDArray[np.float64]
@@ -109,9 +110,10 @@ def learn_rules(
         cloud, steps = spread_rounded(unit_cube(points, enclosing))
     limits = _limits(options, cloud.extent)
     with clock.stage("scale"):  # Algorithm 1, steps 3 to 6
-        viewpoint = _inside(options.viewpoint, cloud)
-        far = None if viewpoint is None else np.linalg.norm(cloud.points - viewpoint, axis=1)
-        samples = part_outliers(cloud.points, limits, cloud.near, distance=far)
+        samples = _inliers(cloud, options, limits)
+        # Each pass divides the number of points by at least FEWEST, down to a fit at most.
+        while (fewer := thinned(cloud, samples)) is not cloud:
+            cloud, samples = fewer, _inliers(fewer, options, limits)
         samples = steps.floored(samples)
     with clock.stage("orientation"):
         evidence = told(normals, options.viewpoint, options.towards)
@@ -219,6 +221,13 @@ def _fitted(
     with clock.stage("rules"):  # Algorithm 1, steps 3 and 5
         rules = fit_rules(tree, points, sides, where)
     return rules, replace(samples, scale=scale)
+
+
+def _inliers(cloud: Cloud, options: Options, limits: Limits) -> Samples:
+    """Separate the outliers; where the scanner stood, the spacing may grow with the distance."""
+    viewpoint = _inside(options.viewpoint, cloud)
+    far = None if viewpoint is None else np.linalg.norm(cloud.points - viewpoint, axis=1)
+    return part_outliers(cloud.points, limits, cloud.near, distance=far)
 
 
 def _limits(options: Options, extent: float) -> Limits:

@@ -20,6 +20,17 @@ class KdTree:
     def size(self) -> int:
         """Number of points."""
 
+    @property
+    def depth(self) -> int:
+        """Number of times that the points were halved."""
+
+    def order(self) -> _Ints:
+        """Order (n,) in which the tree holds the points: those of a leaf or a branch in a row.
+
+        Of n points, branch i at a level l up to `depth` has those from ``(i * n) >> l`` to
+        ``((i + 1) * n) >> l``.
+        """
+
     def query(self, x: _Floats, k: int, max_distance: float) -> tuple[_Floats, _Ints]:
         """Find the `k` nearest points of every row of `x` within `max_distance`.
 

@@ -54,7 +54,7 @@ class Cloud:
     first : (d,) int64
         Row of the cloud of each distinct point.
     inverse : (n,) int64
-        Index of the distinct point of each row of the cloud.
+        Index of the distinct point that stands for each row of the cloud.
     middle, extent : (3,) float64 and float
         The cloud is ``extent * points + middle``.
     warnings : tuple of str

@@ -10,6 +10,8 @@ using namespace nb::literals;
 void bind_geometry(nb::module_& m) {
   nb::class_<KdTree>(m, "KdTree")
       .def_prop_ro("size", &KdTree::size)
+      .def_prop_ro("depth", &KdTree::depth)
+      .def("order", [](const KdTree& t) { return array(std::vector<int64_t>(t.order()), {(size_t)t.size()}); })
       .def("__init__", [](KdTree* t, Points p, int threads) { new (t) KdTree(p.data(), p.shape(0), threads); },
            "points"_a, "n_threads"_a, nb::call_guard<nb::gil_scoped_release>())
       .def("query",

@@ -32,6 +32,8 @@ class KdTree {
   }
 
   int64_t size() const { return n_; }
+  int depth() const { return depth_; }
+  const std::vector<int64_t>& order() const { return index_; }
   int threads() const { return threads_; }  // that searches may start, too
 
   // The k nearest points of x within max_sq, in no order.
