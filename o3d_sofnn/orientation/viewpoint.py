@@ -1,16 +1,15 @@
-"""Sides that face the place where the scanner stood."""
+"""Stage 5: sides of points, from the winding number and from where they were seen."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn._kernels import KdTree
+from o3d_sofnn._kernels import KdTree, WindingTree
 from o3d_sofnn.geometry.vectors import unit
-from o3d_sofnn.orientation.winding_normals import (
-    orient_points,
-)
+from o3d_sofnn.orientation.winding_normals import OPENING, winding_number_normals
 from o3d_sofnn.sampling.outliers import Samples
+from o3d_sofnn.sampling.representatives import local_spacing, representatives
 from o3d_sofnn.threads import thread_count
 
 LEANING = 0.5
@@ -87,6 +86,54 @@ def turned_along(
     """Flip normals, (n, 3), that face against their directions, (n, 3)."""
     product = np.einsum("nd,nd->n", normals, directions)
     return np.where(product[:, None] < 0, -normals, normals)
+
+
+COARSE, FINE = (1.5, 3.0), (0.7, 2.3)
+"""Smoothing width at the beginning and at the end: these multiples of the distance between
+representatives and of the noise level, combined as a root of squares. With a smaller width the
+noise decides; with a larger one thin parts vanish."""
+
+
+WEIGHT = 0.75
+"""Power of its area with which a representative counts. With 0, dense spots decide about sparse
+parts around them; with 1, a few points far apart do, and noise counts more."""
+
+
+BLUR = 3.8
+"""Smoothing width of the gradient at the points, divided by the noise."""
+
+
+def orient_points(points: NDArray[np.float64], noise: float, spacing: float) -> NDArray[np.float64]:
+    """Find outward normals at all points by a global criterion alone.
+
+    The winding number normals of representatives, which count as if they were even in space,
+    define a smooth winding number; its gradient is evaluated at all points. Since no local fit is
+    used, the two sides are distinguished even on parts hardly thicker than the noise, where a fit
+    would contain both sides.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        Distinct points in Morton order.
+    noise : float
+        Standard deviation of the points from the surface.
+    spacing : float
+        Edge of the square that one point covers.
+
+    Returns
+    -------
+    (n, 3) float64
+        Unit normals; on an open sheet without a preferred side, their sign is arbitrary.
+    """
+    x, stands = representatives(points, noise, spacing)
+    tree = KdTree(x, thread_count())
+    distance = local_spacing(x, tree)
+    coarse, fine = (np.hypot(a * distance, b * noise) for a, b in (COARSE, FINE))
+    areas = distance**2
+    mu = winding_number_normals(x, areas, areas**WEIGHT, coarse, fine)
+    sources = WindingTree(x, np.linalg.norm(mu, axis=1))
+    width = np.maximum(fine, BLUR * noise)[stands]
+    return unit(np.asarray(sources.gradient(mu, points, width, OPENING)[1]))
 
 
 def find_sides(

@@ -7,11 +7,8 @@ import pytest
 from shapes import CLOSED, Shape, box, sphere
 
 from o3d_sofnn._kernels import KdTree
-from o3d_sofnn.orientation.winding_normals import (
-    orient_points,
-    representatives,
-    winding_number_normals,
-)
+from o3d_sofnn.orientation.viewpoint import orient_points
+from o3d_sofnn.orientation.winding_normals import winding_number_normals
 from o3d_sofnn.sampling.cells import sort_unique
 from o3d_sofnn.sampling.scales.choice import Limits, choose_scale
 
@@ -63,32 +60,10 @@ def test_two_shells_one_inside_the_other(noise):
 
 def test_winding_number_normals_are_outward_and_weighted_by_area():
     points, normals = sphere(1500)
-    mu = winding_number_normals(points, np.ones(1500), np.full(1500, 0.27), np.full(1500, 0.063))
+    mu = winding_number_normals(
+        points, np.ones(1500), np.ones(1500), np.full(1500, 0.27), np.full(1500, 0.063)
+    )
     length = np.linalg.norm(mu, axis=1)
     cosine = (mu * normals).sum(axis=1) / length
     assert (cosine > 0.9).all()
     assert length.sum() == pytest.approx(4.0 * np.pi, rel=0.2)
-
-
-def test_few_representatives_stand_for_many_points():
-    points = sphere(40_000).points
-    places, stands = representatives(points, 0.0)
-    assert len(points) / 8 < len(places) < len(points) / 2
-    assert np.abs(np.linalg.norm(places, axis=1) - 1.0).max() < 0.01
-    count = np.bincount(stands, minlength=len(places))
-    means = np.stack([np.bincount(stands, column) / count for column in points.T], axis=1)
-    np.testing.assert_allclose(places, means, atol=1e-12)
-    few = sphere(50).points
-    assert representatives(few, 0.0)[0] is few
-
-
-def test_representatives_of_a_thick_layer_are_some_of_its_points():
-    points = sphere(40_000).points
-    points = points[sort_unique(points)[0]]
-    places, stands = representatives(points, 9.0)
-    assert len(places) == len(representatives(points, 0.0)[0])
-    # In the same order, evenly spread.
-    rows = KdTree(points, 1).query(places, 1, np.inf)[1][:, 0]
-    np.testing.assert_array_equal(points[rows], places)
-    assert np.ptp(np.diff(rows)) <= 1
-    assert np.abs(rows[stands] - np.arange(len(points))).max() <= np.diff(rows).max()
