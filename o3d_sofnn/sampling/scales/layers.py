@@ -11,8 +11,8 @@ from o3d_sofnn.threads import thread_count
 Array = NDArray[np.float64]
 
 
-AROUND = 36
-"""Number of points around a place: with a gap of two spacings, ten are on the other sheet."""
+AROUND = 45
+"""Number of points around a place: with a gap of two spacings, 16 are on the other sheet."""
 
 
 APART = 0.2
@@ -76,7 +76,7 @@ def layered(points: Array, tree: KdTree, places: Array) -> tuple[Array, Array]:
     Parameters
     ----------
     points : (n, 3) float64
-        At least 36 distinct points.
+        At least 45 distinct points.
     tree : KdTree
         Tree of `points`.
     places : (p, 3) float64
