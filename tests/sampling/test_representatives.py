@@ -53,7 +53,8 @@ def test_many_thin_plates_are_right_as_one_of_them_is():
     points, normals = plates(144)
     places = representatives(points, 0.002, 0.05)[0]
     assert len(places) > 120 * 144  # 60 each, too few, if only their total number counted
-    wrong = (np.einsum("nd,nd->n", orient_points(points, 0.002, 0.05), normals) < 0.0).mean()
+    sides = orient_points(points, 0.002, 0.05).normals
+    wrong = (np.einsum("nd,nd->n", sides, normals) < 0.0).mean()
     assert wrong < 1e-3
 
 
