@@ -30,10 +30,14 @@ divided by the one along it, above which it is no part of a surface but holds tw
 seen as a line. An edge is one, too, but only few cells are beside an edge."""
 
 
-REGION, SAMPLED, LOST, STILL = 64, 16, 0.9, 0.5
-"""Number of cells in a region, at every so many-th cell; share of neighbourhoods that are not flat
-above which a region is divided; the same once it has been divided. The shapes of the benchmarks
-reach 0.9 at the tips of thin arms only, plates with 26 representatives each everywhere."""
+ASKED = 4
+"""Only at every so many-th cell is it asked whether the neighbourhood is flat."""
+
+
+REGION, SAMPLED, LOST, STILL = 16, 4, 0.9, 0.5
+"""Number of cells that were asked in a region, at every so many-th of them; share of neighbourhoods
+that are not flat above which a region is divided; the same once it has been divided. The shapes of
+the benchmarks reach 0.9 at the tips of thin arms only, plates with 26 cells each everywhere."""
 
 
 DIVISION = 4
@@ -111,19 +115,20 @@ def _unresolved(
         ],
         axis=1,
     )
-    tree = KdTree(x, thread_count())
-    near = tree.query(x, min(BESIDE, len(x)), np.inf)[1]
+    asked = np.ascontiguousarray(x[::ASKED])
+    near = KdTree(x, thread_count()).query(asked, min(BESIDE, len(x)), np.inf)[1]
     middle = x[near].mean(axis=1)
-    scatter = np.empty((len(x), 3, 3))
+    scatter = np.empty((len(asked), 3, 3))
     scatter[:, a, b] = square[near].mean(axis=1) - middle[:, a] * middle[:, b]
     scatter[:, b, a] = scatter[:, a, b]
     across, along = np.linalg.eigvalsh(scatter)[:, :2].T
-    bent = across - noise**2 > FLAT**2 * along
-    places = np.ascontiguousarray(x[::SAMPLED])
-    region = tree.query(places, min(REGION, len(x)), np.inf)[1]
+    bent = (across - noise**2 > FLAT**2 * along) & (along > noise**2)
+    places = np.ascontiguousarray(asked[::SAMPLED])
+    region = KdTree(asked, thread_count()).query(places, min(REGION, len(asked)), np.inf)[1]
     lost = bent[region].mean(axis=1) > share
-    nearest = KdTree(places, thread_count()).query(x, 1, np.inf)[1][:, 0]
-    return np.asarray(lost[nearest] & (along > noise**2))
+    if not lost.any():
+        return np.zeros(len(x), bool)
+    return np.asarray(lost[KdTree(places, thread_count()).query(x, 1, np.inf)[1][:, 0]])
 
 
 def local_spacing(x: Array, tree: KdTree) -> Array:

@@ -29,7 +29,7 @@ SEEN = 0.1
 """Noise divided by spacing above which two sheets may have been taken for it."""
 
 
-EVERY, REGION = 3, 9
+EVERY, REGION = 5, 9
 """Only so many-th pilot is looked at; number of those in a region."""
 
 
