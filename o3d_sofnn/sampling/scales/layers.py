@@ -29,8 +29,8 @@ SEEN = 0.1
 """Noise divided by spacing above which two sheets may have been taken for it."""
 
 
-EVERY, REGION = 5, 9
-"""Only so many-th pilot is looked at; number of those in a region."""
+ASKED, REGION = 400, 9
+"""Largest number of pilots that are looked at; number of those in a region."""
 
 
 def within_layers(
@@ -54,7 +54,8 @@ def within_layers(
     (p,) float64
         The smaller noise of the nearest region with two layers, elsewhere `noise`.
     """
-    rows = np.flatnonzero(noise > SEEN * spacing)[::EVERY]
+    rows = np.flatnonzero(noise > SEEN * spacing)
+    rows = rows[:: -(-len(rows) // ASKED) or 1]
     if not len(rows) or len(points) < AROUND:
         return noise
     places = np.ascontiguousarray(pilots[rows])
