@@ -47,8 +47,9 @@ class Learned:
         The d distinct points; everything below is in their unit.
     steps : Steps
         Step sizes to which their coordinates were rounded.
-    hanging : (d,) bool
-        Outliers that hang between objects, as seen from the viewpoint.
+    unsure : (d,) bool
+        Outliers that hang between objects, as seen from the viewpoint, and points on the sides of
+        which the winding number does not agree with itself.
     samples : Samples
         The m distinct points that are not outliers.
     sides : (m, 3) float64
@@ -63,7 +64,7 @@ class Learned:
 
     cloud: Cloud
     steps: Steps
-    hanging: NDArray[np.bool_]
+    unsure: NDArray[np.bool_]
     samples: Samples
     sides: Array
     rules: RuleBase
@@ -127,12 +128,17 @@ def learn_rules(
         known, seen = (None if x is None else x[rows] for x in (normals, seen))
         if seen is not None or hanging.any():  # the scale changes
             samples = steps.floored(samples.seen(seen, limits))
-        sides = find_sides(samples, known, seen)
+        oriented = find_sides(samples, known, seen)
+        sides = oriented.normals
         check_stage("orientation", sides=sides)
     rules, samples = _fitted(samples, sides, limits, clock)
+    disputed = np.zeros(len(cloud.points), bool)
     if evidence is None or not evidence.sure:
         with clock.stage("orientation"):
             rules, sides, evidence = settle(rules, sides, samples.points, evidence, cloud.frame)
+            if not evidence.decided:
+                disputed[samples.kept] = oriented.disputed
+                evidence = replace(evidence, warnings=evidence.warnings + oriented.warnings)
     # If there are many outliers, they have disturbed the scale and the rules: both are found again.
     many = (~samples.kept).mean() > MANY
     if many:
@@ -150,7 +156,8 @@ def learn_rules(
         with clock.stage("outliers"):
             off = beside_surface(rules, samples, sides, experience)
             samples, sides = samples.parted(off), sides[~off]
-    return Learned(cloud, steps, hanging, samples, sides, rules, evidence, experience)
+    unsure = hanging | disputed
+    return Learned(cloud, steps, unsure, samples, sides, rules, evidence, experience)
 
 
 def infer(learned: Learned, options: Options, clock: Clock) -> tuple[NormalEstimate, Array, Array]:
@@ -180,7 +187,7 @@ def infer(learned: Learned, options: Options, clock: Clock) -> tuple[NormalEstim
             rules, cloud.points, sides=sides, experience=learned.experience
         )
         nearest = rules.foot_tree.query(cloud.points, 1, np.inf)[1][:, 0]
-        confidence = np.where(learned.hanging, 0.0, agreement * rules.confidence[nearest])
+        confidence = np.where(learned.unsure, 0.0, agreement * rules.confidence[nearest])
         noise = rules.noise[nearest]
         spacing = float(np.median(samples.scale.spacing))
         # Where the sides of a whole sheet are arbitrary, only the rules say how it lies.

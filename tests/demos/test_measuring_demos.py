@@ -152,3 +152,16 @@ def test_rounding_costs_no_more_than_the_step_allows(run: Run) -> None:
     rows = [line.split("|")[1:-1] for line in done.stdout.splitlines()[2:]]
     assert [row[0].strip() for row in rows] == ["box-6"] * 8
     assert {row[-1].strip() for row in rows} == {"yes"}
+
+
+def test_plates_and_near_sheets_are_oriented(run: Run) -> None:
+    plates = run("benchmarks/accuracy/plates", "--counts", 1, 4, "-n", 600)
+    assert plates.returncode == 0, plates.stderr
+    rows = [line.split("|")[1:-1] for line in plates.stdout.splitlines()[2:]]
+    assert [int(row[1]) for row in rows] == [600, 2400]
+    assert max(float(row[2]) for row in rows) < 1.0
+    sheets = run("benchmarks/accuracy/near_sheets", "-n", 1500, "--gaps", 1.5, "--seeds", 1)
+    assert sheets.returncode == 0, sheets.stderr
+    rows = [line.split("|")[1:-1] for line in sheets.stdout.splitlines()[2:]]
+    assert len(rows) == 5
+    assert max(float(row[3]) for row in rows if "nested" not in row[0]) < 1.0

@@ -7,11 +7,9 @@ import pytest
 from shapes import CLOSED, Shape, box, sphere
 
 from o3d_sofnn._kernels import KdTree
-from o3d_sofnn.orientation.winding_normals import (
-    orient_points,
-    representatives,
-    winding_number_normals,
-)
+from o3d_sofnn.orientation.viewpoint import orient_points
+from o3d_sofnn.orientation.winding_normals import winding_number_normals
+from o3d_sofnn.pipeline import estimate_normals
 from o3d_sofnn.sampling.cells import sort_unique
 from o3d_sofnn.sampling.scales.choice import Limits, choose_scale
 
@@ -21,7 +19,7 @@ def oriented(shape, noise=0.0):
     order, _ = sort_unique(shape.points)
     points = np.ascontiguousarray(shape.points[order])
     spacing = choose_scale(points, KdTree(points, 1), Limits()).spacing
-    normals = orient_points(points, noise, float(np.median(spacing)))
+    normals = orient_points(points, noise, float(np.median(spacing))).normals
     return (np.einsum("nd,nd->n", normals, shape.normals[order]) < 0.0).mean(), normals
 
 
@@ -63,32 +61,53 @@ def test_two_shells_one_inside_the_other(noise):
 
 def test_winding_number_normals_are_outward_and_weighted_by_area():
     points, normals = sphere(1500)
-    mu = winding_number_normals(points, np.ones(1500), np.full(1500, 0.27), np.full(1500, 0.063))
+    mu = winding_number_normals(
+        points, np.ones(1500), np.ones(1500), np.full(1500, 0.27), np.full(1500, 0.063)
+    )
     length = np.linalg.norm(mu, axis=1)
     cosine = (mu * normals).sum(axis=1) / length
     assert (cosine > 0.9).all()
     assert length.sum() == pytest.approx(4.0 * np.pi, rel=0.2)
 
 
-def test_few_representatives_stand_for_many_points():
-    points = sphere(40_000).points
-    places, stands = representatives(points, 0.0)
-    assert len(points) / 8 < len(places) < len(points) / 2
-    assert np.abs(np.linalg.norm(places, axis=1) - 1.0).max() < 0.01
-    count = np.bincount(stands, minlength=len(places))
-    means = np.stack([np.bincount(stands, column) / count for column in points.T], axis=1)
-    np.testing.assert_allclose(places, means, atol=1e-12)
-    few = sphere(50).points
-    assert representatives(few, 0.0)[0] is few
+def uneven_comb(seed=0):
+    """An open-based row of thin walls, one end 60 times as dense as the other."""
+    rng = np.random.default_rng(seed)
+    wall = box(60_000, (1.0, 0.05, 1.0), seed=seed)
+    shape = Shape(
+        np.concatenate([wall.moved((0.0, 0.12 * i, 0.0)).points for i in range(8)]),
+        np.tile(wall.normals, (8, 1)),
+    )
+    open_below = shape.normals[:, 2] > -0.5
+    along = (shape.points[:, 0] + 0.5) ** 4
+    kept = open_below & (rng.random(len(along)) < 0.12 * (0.015 + along))
+    return Shape(shape.points[kept], shape.normals[kept])
 
 
-def test_representatives_of_a_thick_layer_are_some_of_its_points():
-    points = sphere(40_000).points
-    points = points[sort_unique(points)[0]]
-    places, stands = representatives(points, 9.0)
-    assert len(places) == len(representatives(points, 0.0)[0])
-    # In the same order, evenly spread.
-    rows = KdTree(points, 1).query(places, 1, np.inf)[1][:, 0]
-    np.testing.assert_array_equal(points[rows], places)
-    assert np.ptp(np.diff(rows)) <= 1
-    assert np.abs(rows[stands] - np.arange(len(points))).max() <= np.diff(rows).max()
+def test_even_clouds_are_undisputed():
+    points = sphere(12_000).points
+    points = np.ascontiguousarray(points[sort_unique(points)[0]])
+    found = orient_points(points, 0.0, np.sqrt(4.0 * np.pi / 12_000))
+    assert not found.disputed.any()
+    assert found.share == 0.0
+    assert found.warnings == ()
+
+
+def test_sides_that_depend_on_the_weights_are_disputed():
+    shape = uneven_comb()
+    order, _ = sort_unique(shape.points)
+    points = np.ascontiguousarray(shape.points[order])
+    found = orient_points(points, 0.0, 0.01)
+    wrong = np.einsum("nd,nd->n", found.normals, shape.normals[order]) < 0.0
+    assert found.share > 0.05
+    assert found.disputed[wrong].mean() > 2.0 * found.disputed.mean()
+    assert "uneven" in found.warnings[0]
+
+
+def test_a_doubtful_result_says_so_unless_the_user_knows_better():
+    points = uneven_comb().points
+    found = estimate_normals(points)
+    assert any("uneven" in warning for warning in found.warnings)
+    assert (found.confidence == 0.0).mean() > 0.05
+    told = estimate_normals(points, towards=(0.0, 0.0, 1.0))
+    assert not any("uneven" in warning for warning in told.warnings)

@@ -21,7 +21,7 @@ from truth import Case, Cloud, draw, parser
 from o3d_sofnn import algorithm1, pipeline
 from o3d_sofnn._kernels import KdTree, fit_scales
 from o3d_sofnn.geometry.vectors import bounds
-from o3d_sofnn.orientation.winding_normals import orient_points
+from o3d_sofnn.orientation.viewpoint import orient_points
 from o3d_sofnn.rules.inference import infer_normals
 from o3d_sofnn.rules.rule_base import RuleBase, fit_rules
 from o3d_sofnn.rules.trust import EMPHASIS, INPUTS, shipped
@@ -86,7 +86,7 @@ def stages(cloud: Cloud) -> Iterator[tuple[str, float]]:
     yield "quadric at the scale found", truth.error(quadrics)
 
     noise, spacing = float(np.median(scale.noise)), float(np.median(scale.spacing))
-    sides = orient_points(x, noise, spacing)
+    sides = orient_points(x, noise, spacing).normals
     same = np.tile([0.0, 0.0, 1.0], (len(x), 1))  # nobody is told apart
 
     def rules_with(known: Array) -> RuleBase:

@@ -20,7 +20,8 @@ from paper_parts.dental_shapes import molar
 
 from o3d_sofnn import pipeline
 from o3d_sofnn.implicit.field import NEAREST, PLACES
-from o3d_sofnn.orientation.winding_normals import NARROWING, OPENING, ROUNDS, STEPS, representatives
+from o3d_sofnn.orientation.winding_normals import NARROWING, OPENING, ROUNDS, STEPS
+from o3d_sofnn.sampling.representatives import representatives
 from o3d_sofnn.sampling.scales.choice import PILOTS, SCALES
 
 Array = NDArray[Any]
@@ -90,7 +91,7 @@ def count(points: Array, run: pipeline.SurfaceEstimate) -> dict[str, Work]:
     pilots = float(PILOTS * SCALES.sum())
     fits = fitted * (SEARCH + FIT + PASSES)
     infer = Work(n * 3.7 * POINT, n * RULES * RULE)
-    unknowns = len(representatives(points, 0.0)[0])
+    unknowns = len(representatives(points, 0.0, 1.0)[0])
     winding = SUMS * unknowns * SOURCES * PAIR
     # Corners of the cubes around the surface: twice as many as vertices, which are evaluated again.
     corners = 2.0 * vertices

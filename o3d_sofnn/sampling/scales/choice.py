@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import KdTree, fit_scales
 from o3d_sofnn.geometry.vectors import unit
 from o3d_sofnn.sampling.local_fit import spacing_of
+from o3d_sofnn.sampling.scales.layers import within_layers
 from o3d_sofnn.sampling.scales.noise import noise_level, untruncated
 from o3d_sofnn.threads import thread_count
 
@@ -183,6 +184,7 @@ def choose_scale(
     noise = np.median(noise[region], axis=1)
     spacing = spacing_of(radii[row, chosen], sizes[chosen])
     spacing = np.median(spacing[region], axis=1)
+    noise = within_layers(points, tree, pilots, noise, spacing)
     return Scale(pilots, pilot_tree, sizes[chosen], noise, spacing, sizes[least])
 
 
