@@ -26,9 +26,9 @@ from o3d_sofnn.sampling.outliers import MANY, Samples, part_outliers
 from o3d_sofnn.sampling.quantization import Steps, spread_rounded
 from o3d_sofnn.sampling.scales.choice import Limits
 from o3d_sofnn.sampling.scales.refinement import refine_scale
+from o3d_sofnn.sampling.scales.thinning import thinned
 from o3d_sofnn.sampling.sight import between
 from o3d_sofnn.sampling.suitability import unsuitable
-from o3d_sofnn.sampling.thinning import thinned
 from o3d_sofnn.sampling.typical_data import typical_data
 
 Array = NDArray[np.float64]

@@ -101,6 +101,12 @@ WEIGHT = 0.75
 parts around them; with 1, a few points far apart do, and noise counts more."""
 
 
+BLURRED = (0.5, 1.0)
+"""Noise divided by the spacing above which that power falls, and above which it is zero: distances
+between representatives are then noise as well. At 1 % noise, 0.1 % fewer normals of twelve shapes
+are flipped."""
+
+
 BLUR = 3.8
 """Smoothing width of the gradient at the points, divided by the noise."""
 
@@ -174,7 +180,9 @@ def orient_points(points: NDArray[np.float64], noise: float, spacing: float) -> 
     distance = local_spacing(x, tree)
     coarse, fine = (np.hypot(a * distance, b * noise) for a, b in (COARSE, FINE))
     areas = distance**2
-    mu = winding_number_normals(x, areas, areas**WEIGHT, coarse, fine)
+    low, high = BLURRED
+    power = WEIGHT * float(np.clip((high - noise / spacing) / (high - low), 0.0, 1.0))
+    mu = winding_number_normals(x, areas, areas**power, coarse, fine)
     sources = WindingTree(x, np.linalg.norm(mu, axis=1), thread_count())
     width = np.maximum(fine, BLUR * noise)[stands]
     normals = unit(np.asarray(sources.gradient(mu, points, width, OPENING)[1]))

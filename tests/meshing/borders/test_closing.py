@@ -78,7 +78,7 @@ def test_both_ends_of_a_pipe_are_open_whatever_its_length(length):
     surface = reconstruct_surface(pipe(int(400 * length), length))
     assert_open_manifold(surface)
     assert mesh_properties.euler_characteristic(surface.triangles) == 0
-    assert rims(surface) == pytest.approx([2.0 * np.pi] * 2, rel=0.03)
+    assert rims(surface) == pytest.approx([2.0 * np.pi] * 2, rel=0.04)
     assert surface.closing.holes_open == 2
     ends = surface.vertices[np.unique(mesh_properties.boundary_edges(surface.triangles))][:, 0]
     for side in (ends < 0.0, ends > 0.0):
