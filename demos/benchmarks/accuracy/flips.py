@@ -21,7 +21,7 @@ from o3d_sofnn.pipeline import estimate_normals
 Array = NDArray[Any]
 
 EDGE = -0.02
-"""Dot product with the true normal below which a normal is flipped; values closer to 0 are edges."""
+"""Dot product of the closest surface normal and the true one, below which that one is wrong too."""
 OFF = 1e-5
 """Where rays begin in front of the surface, as a fraction of the diagonal."""
 

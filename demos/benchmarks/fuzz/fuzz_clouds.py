@@ -31,11 +31,11 @@ GOOD = ("normals", "mesh", "open mesh", "ValueError")
 SECONDS = 60
 """Processor time, in seconds, after which a call counts as hanging."""
 COARSE = 1e-5
-"""Rounding error of the coordinates, divided by the edge length, above which triangles may overlap."""
+"""Rounding error, divided by the edge length, above which triangles may overlap."""
 REACH = 1.0
 """Extents that a mesh may reach beyond the inliers."""
 BATCH = 200
-"""Calls that a process makes; the next one continues after the last call, even if that call crashed."""
+"""Calls per process; the next process continues after the last call, also if that crashed."""
 
 
 def main() -> None:
