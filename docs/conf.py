@@ -21,7 +21,7 @@ extensions = [
     "mathml",
     "repository_links",
 ]
-exclude_patterns = ["_build", "packaging"]
+exclude_patterns = ["_build", "packaging/conda-forge"]
 root_doc = "index"
 smartquotes = False  # two hyphens are an option
 

@@ -28,8 +28,8 @@ def reconstruct(
     progress : callable, optional
         Called with the fraction done (0 to 1) and the stage.
     depth : int, default 0
-        Finest level of the extraction grid over the cloud's cube; 0 is automatic. Not together
-        with ``voxel_size``.
+        Finest level of the extraction grid in the cloud's bounding cube; 0 is automatic. It
+        cannot be combined with ``voxel_size``.
     voxel_size : PercentageValue or PureValue, default 0
         Edge of the extraction grid's cells; 0 is automatic.
     use_normals : bool, default False
@@ -37,7 +37,7 @@ def reconstruct(
     closed : {"auto", "yes", "no"} or int, default "auto"
         Whether holes are closed; "auto" closes solids and small holes.
     trim : float or "auto", default 0
-        Remove triangles with a confidence below this (0 to 1) instead; 0 for what ``closed`` says.
+        Remove triangles with a confidence below this (0 to 1); with 0, ``closed`` decides.
         "auto" is another name for ``closed="auto"``.
     target_triangles : int, default 0
         Decimate to so many triangles; 0 keeps all.

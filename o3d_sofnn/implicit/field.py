@@ -67,8 +67,8 @@ ALIKE = 8
 
 
 LEVELS, AVERAGED, NEAR_LEVELS = 2000, 64, 4
-"""Places at which the level of the winding number is known, samples in the mean at each, and those
-that are blended. In a room or beside a sheet the winding number on the surface depends on how much
+"""Places at which the level of the winding number is known, samples averaged at each, and how many
+are blended. In a room or beside a sheet the winding number on the surface depends on how much
 of the rest is seen from there: one level for all lost 38 % of the points of a street."""
 
 

@@ -61,3 +61,21 @@ def test_meshes(cloud: Any, tmp_path: Path, ending: str) -> None:
     assert 0.2 < shares.mean() < 0.8
     stored = np.asarray(found.vertex_colors)[order]
     np.testing.assert_allclose(stored, shares, atol=0.51 / 255)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+@pytest.mark.parametrize("ending", ["ply", "obj", "glb"])
+def test_meshes_of_clouds_whose_colours_are_fractions(
+    cloud: Any, tmp_path: Path, ending: str, kind: type
+) -> None:
+    fractions = cloud.clone()
+    fractions.point["colors"] = o3d.core.Tensor((LEVELS / 255).astype(kind))
+    mesh = o3d_sofnn.reconstruct_surface(fractions)
+    assert mesh.vertex["colors"].numpy().dtype == kind
+    path = str(tmp_path / f"mesh.{ending}")
+    assert o3d.t.io.write_triangle_mesh(path, mesh)
+    found = o3d.t.io.read_triangle_mesh(path)
+    away, order = cKDTree(found.vertex["positions"].numpy()).query(mesh.vertex["positions"].numpy())
+    assert away.max() < 1e-4
+    stored = found.vertex["colors"].numpy()[order]
+    np.testing.assert_allclose(stored, mesh.vertex["colors"].numpy(), atol=0.51 / 255)

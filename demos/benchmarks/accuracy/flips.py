@@ -21,9 +21,9 @@ from o3d_sofnn.pipeline import estimate_normals
 Array = NDArray[Any]
 
 EDGE = -0.02
-"""Product of normals from which on the one who knows the surface is wrong: more of it are edges."""
+"""Dot product of the closest surface normal and the true one, below which that one is wrong too."""
 OFF = 1e-5
-"""Where rays begin in front of the surface, in parts of the diagonal."""
+"""Where rays begin in front of the surface, as a fraction of the diagonal."""
 
 
 class Surface:

@@ -29,13 +29,13 @@ NAMED = re.compile(r"(points|depth|voxel_size|trim|radius|max_nn|precision|targe
 """How the message of an error begins."""
 GOOD = ("normals", "mesh", "open mesh", "ValueError")
 SECONDS = 60
-"""Processor time from which on a call hangs."""
+"""Processor time, in seconds, after which a call counts as hanging."""
 COARSE = 1e-5
-"""Rounding of coordinates over the length of edges from which on triangles may lie on others."""
+"""Rounding error, divided by the edge length, above which triangles may overlap."""
 REACH = 1.0
 """Extents that a mesh may reach beyond the inliers."""
 BATCH = 200
-"""Calls that a process makes; the next one begins anew, or behind the call that ended it."""
+"""Calls per process; the next process continues after the last call, also if that crashed."""
 
 
 def main() -> None:

@@ -27,13 +27,13 @@ from o3d_sofnn.compare.isolated import call
 SIZES = {"3714": 3714, "6179": 6179, "100k": 100_000, "400k": 400_000, "1M": 1_000_000}
 LARGE = {"3M": 3_000_000, "5M": 5_000_000, "10M": 10_000_000}
 NOISE = 1e-3
-"""Standard deviation of the noise, over the diagonal of the bounding box."""
+"""Standard deviation of the noise, divided by the diagonal of the bounding box."""
 MARGIN = 1.1
-"""Edge of the cube that Poisson divides, over the box of the points: its own default."""
+"""Edge of the cube that Poisson divides, as a multiple of the bounding box: its own default."""
 AGREE = 0.2
 """Largest relative difference of the numbers of triangles, ours and Poisson's."""
 SLOW = 60.0
-"""Seconds from which on a measurement is not repeated."""
+"""Measurements that take longer than this, in seconds, are not repeated."""
 TIMEOUT = 500.0
 """Seconds after which a measurement is given up."""
 TUNING, TRIES = "tuning", 3

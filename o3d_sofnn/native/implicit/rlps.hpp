@@ -38,7 +38,7 @@ inline double rbf_terms(const double* terms, int64_t n, double u, double v, doub
   return sum;
 }
 
-// A point of a unit, in the frame of its rule and over its radius.
+// A point of a unit, in the frame of its rule and divided by its radius.
 struct UnitPoint {
   double u, v, h;
   int bound;  // 0: on the surface. 1 or -1: on another face, so that the surface may not pass below or above it

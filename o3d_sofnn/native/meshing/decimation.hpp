@@ -115,7 +115,7 @@ class Decimation {
   static constexpr double kPlace = 1e-8;
   // Least cosine between the normals of a triangle before and after.
   static constexpr double kTurn = 0.2;
-  // Least height of a triangle over its longest side, unless it was less before: less makes needles on flat faces.
+  // Smallest ratio of height to longest side, unless it was smaller before; smaller ones make needles on flat faces.
   static constexpr double kSliver = 0.05;
   // Most triangles around a vertex: each of them is compared with all the others.
   static constexpr size_t kMost = 48;

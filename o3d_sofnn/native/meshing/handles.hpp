@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Handles of a closed mesh and the loops that open them: tree and cotree (Eppstein, "Dynamic generators of topologically
-// embedded graphs", 2003; Erickson and Whittlesey, "Greedy optimal homotopy and homology generators", 2005). The edges of
-// a tree over the vertices, without them those of a tree over the triangles, and two edges a handle make all of a mesh.
+// embedded graphs", 2003; Erickson and Whittlesey, "Greedy optimal homotopy and homology generators", 2005). The edges
+// of a mesh are those of a spanning tree of the vertices, those crossed by one of the triangles, and two per handle.
 #pragma once
 #include <limits>
 #include <queue>

@@ -10,8 +10,8 @@
 
 namespace sofnn {
 
-// Least gap over the size of the larger triangle, or sine of an angle between neighbours: what is nearer touches. Wide
-// enough for coordinates that are rounded to 32 bits in a mesh of a thousand edges across, and below what is seen.
+// Smallest gap relative to the larger triangle, or sine of an angle between neighbours: closer triangles touch. It is
+// wide enough for coordinates rounded to 32 bits in a mesh a thousand edges across, and too small to be seen.
 constexpr double kTouch = 1e-4;
 constexpr double kTouch2 = kTouch * kTouch;
 

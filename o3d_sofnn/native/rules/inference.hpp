@@ -142,7 +142,7 @@ SOFNN_CLONES inline void evaluate_rule(const Run& run, const RuleView& view, con
   }
 }
 
-// Logarithms become weights over the largest one, eq. (9), safe far from every rule.
+// Turns logarithms into weights relative to the largest one, eq. (9), which is safe far from every rule.
 SOFNN_CLONES inline void weigh_rules(RunRule* rules, int64_t m, const double* SOFNN_RESTRICT best,
                                      double* SOFNN_RESTRICT sum) {
   for (int64_t i = 0; i < m; ++i) {
@@ -175,7 +175,7 @@ inline int64_t find_rules(Run& run, const Candidates& near, int64_t k, std::vect
   return m;
 }
 
-// Rules of a run and their weights: s.rules up to s.used, memberships over the largest of them, and the sums of these.
+// Rules of a run and their weights: s.rules up to s.used, memberships relative to the largest, and their sums.
 inline void infer_run(const RuleView& view, int64_t k, InferenceScratch& s) {
   const Candidates& near = s.near;
   const int64_t m = find_rules(s.run, near, k, s.sq, s.nearest);

@@ -9,7 +9,7 @@ namespace sofnn {
 constexpr int kNeurons = 8;
 
 // What is common to all rules of the base: centre, inverse width and slope of each neuron along the three inputs that
-// belong to the place: fourth root of the residual over the radius, cosine to the side, squared distance.
+// belong to the place: fourth root of the residual divided by the radius, cosine to the side, squared distance.
 struct Neuron {
   double center[3], inverse_width[3], slope[3];
 };
@@ -19,12 +19,12 @@ struct Gate {
   double firing, consequent;
 };
 
-// Concentration of the membership in the angle between a side and the normal of a rule, over how much wider than on
-// clean data the membership in the residual is, over the radius: the less the residual tells, the more the side decides.
+// Concentration of the membership in the angle between a side and the normal of a rule. It is divided by the width of
+// the membership in the residual, relative to clean data: the less the residual tells, the more the side decides.
 constexpr double kConcentration = 25, kCleanTolerance = 0.02;
 
-// Radius of a rule over the size of the rule base, and tolerance over radius, below which differences of coordinates
-// are rounding: as small as that counts as that, so that no power of their inverses overflows.
+// Smallest radius of a rule relative to the size of the rule base, and smallest tolerance relative to the radius. Below
+// it, differences of coordinates are rounding errors; smaller values are raised to it, so that no power overflows.
 constexpr double kLeast = 1e-15;
 
 struct Rule {

@@ -58,7 +58,7 @@ struct Ellipse {
   double stretch = 1;
 };
 
-// Weights that fall to zero at the edge of the ellipse, and their moments up to second order, lengths over the radius.
+// Weights that fall to zero at the edge of the ellipse, and their moments up to second order; lengths in radii.
 SOFNN_CLONES inline void weigh(const double* SOFNN_RESTRICT x, const double* SOFNN_RESTRICT y,
                                const double* SOFNN_RESTRICT z, const double* SOFNN_RESTRICT factor, int64_t n,
                                double inv, const Ellipse& ellipse, double* SOFNN_RESTRICT weight,
@@ -150,7 +150,7 @@ inline bool factor_quadric(const QuadricSums& sums, double* a) {
   return cholesky(a, 6, 6);
 }
 
-// The arc of a circle over the parabola with the same curvature: along every direction of the tangent plane the surface
+// Replaces a parabola by the arc of a circle with the same curvature: along every direction of the tangent plane the surface
 // is taken as a circle, so that tubes and spheres have no error of shape. The arc ends before it turns vertical.
 constexpr double kSteepest = 0.75;
 

@@ -73,7 +73,7 @@ def reconstruct_units(
     Returns
     -------
     rbf : (r, 13, 4) float64
-        Centre, in the frame of the rule and over its radius, and weight of each basis function.
+        Centre (in the frame of the rule, divided by its radius) and weight of each basis function.
     terms : (r,) int64
         How many of them are in use; none where the quadric is precise enough.
     error : (r,) float64

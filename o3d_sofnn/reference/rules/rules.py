@@ -67,11 +67,11 @@ class Rules(NamedTuple):
         Parameters
         ----------
         residual : (r,) float64
-            Distance to the quadric over the radius.
+            Distance to the quadric, divided by the radius.
         lean : (r,) float64
             Cosine between the normal of the quadric and the side.
         reach : (r,) float64
-            Squared distance in the tangent plane over the radius.
+            Squared distance in the tangent plane, divided by the radius.
         """
         if self.gates is None or self.neurons is None:
             return np.zeros(len(self.centers))
