@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,17 @@ Array = NDArray[np.float64]
 
 ALL = 1e9
 """Radius of a neighbourhood in the unit cube that is certain to contain every point."""
+
+
+class Sides(Protocol):
+    """Sides of the surface that are known at any place."""
+
+    @property
+    def evidence(self) -> Evidence:
+        """How they were decided."""
+
+    def at(self, x: Array) -> Array:
+        """Return unit normals, (m, 3), at points (m, 3) on the surface, in the user's unit."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +92,7 @@ def learn_rules(
     normals: Array | None = None,
     experience: Experience | None = None,
     enclosing: bool = False,
+    decided: Sides | None = None,
 ) -> Learned:
     """Learn oriented rules from points.
 
@@ -97,6 +110,8 @@ def learn_rules(
         Off-line rules.
     enclosing : bool, default False
         Whether the surface must enclose a volume; if so, points in one plane are an error.
+    decided : Sides, optional
+        Sides that were decided elsewhere, among more points than these.
 
     Returns
     -------
@@ -117,6 +132,8 @@ def learn_rules(
         samples = steps.floored(samples)
     with clock.stage("orientation"):
         evidence = told(normals, options.viewpoint, options.towards)
+        if decided is not None:
+            evidence = decided.evidence
         evidence = evidence or found(points, samples, cloud.frame)
         viewpoint = None if evidence is None else _inside(evidence.viewpoint, cloud)
         hanging = between(cloud.points, viewpoint, samples.scale)
@@ -127,10 +144,13 @@ def learn_rules(
         known, seen = (None if x is None else x[rows] for x in (normals, seen))
         if seen is not None or hanging.any():  # the scale changes
             samples = steps.floored(samples.seen(seen, limits))
-        sides = find_sides(samples, known, seen)
+        if decided is None:
+            sides = find_sides(samples, known, seen)
+        else:
+            sides = decided.at(cloud.frame.outside(samples.points))
         check_stage("orientation", sides=sides)
     rules, samples = _fitted(samples, sides, limits, clock)
-    if evidence is None or not evidence.sure:
+    if decided is None and (evidence is None or not evidence.sure):
         with clock.stage("orientation"):
             rules, sides, evidence = settle(rules, sides, samples.points, evidence, cloud.frame)
     # If there are many outliers, they have disturbed the scale and the rules: both are found again.
