@@ -8,7 +8,6 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.geometry.checks import check_stage
 from o3d_sofnn.options import Options
 from o3d_sofnn.orientation.confidence import certainty
@@ -20,7 +19,7 @@ from o3d_sofnn.results import NormalEstimate
 from o3d_sofnn.rules.growth import grow
 from o3d_sofnn.rules.inference import infer_normals
 from o3d_sofnn.rules.off_surface import beside_surface
-from o3d_sofnn.rules.rule_base import RuleBase, fit_rules
+from o3d_sofnn.rules.rule_base import RuleBase, columns, fit_rules
 from o3d_sofnn.rules.trust import Experience
 from o3d_sofnn.sampling.local_fit import Neighborhoods
 from o3d_sofnn.sampling.normalization import Cloud, unit_cube
@@ -31,7 +30,6 @@ from o3d_sofnn.sampling.scales.refinement import refine_scale
 from o3d_sofnn.sampling.sight import between
 from o3d_sofnn.sampling.suitability import unsuitable
 from o3d_sofnn.sampling.typical_data import typical_data
-from o3d_sofnn.threads import thread_count
 
 Array = NDArray[np.float64]
 
@@ -150,7 +148,7 @@ def learn_rules(
             sides = decided.at(cloud.frame.outside(samples.points))
         check_stage("orientation", sides=sides)
     rules, samples = _fitted(samples, sides, limits, clock)
-    if decided is None and (evidence is None or not evidence.sure):
+    if evidence is None or not (evidence.sure or decided is not None):
         with clock.stage("orientation"):
             rules, sides, evidence = settle(rules, sides, samples.points, evidence, cloud.frame)
     # If there are many outliers, they have disturbed the scale and the rules: both are found again.
@@ -163,9 +161,10 @@ def learn_rules(
         rules, samples = _fitted(samples, sides, limits, clock)
     with clock.stage("growth"):  # section 3.2
         rules = grow(rules, samples, sides, limits, experience)
-        check_stage("growth", **vars(rules))
+        check_stage("growth", **columns(rules))
     with clock.stage("orientation"):
-        rules = replace(rules, confidence=certainty(rules, evidence.decided))
+        settled = decided is not None or evidence.decided
+        rules = replace(rules, confidence=certainty(rules, settled))
     if many:
         with clock.stage("outliers"):
             off = beside_surface(rules, samples, sides, experience)
@@ -199,9 +198,7 @@ def infer(learned: Learned, options: Options, clock: Clock) -> tuple[NormalEstim
         normals, agreement, residual = infer_normals(
             rules, cloud.points, sides=sides, experience=learned.experience
         )
-        nearest = KdTree(rules.feet, thread_count()).query(cloud.points, 1, np.inf, thread_count())[
-            1
-        ][:, 0]
+        nearest = rules.foot_tree.query(cloud.points, 1, np.inf)[1][:, 0]
         confidence = np.where(learned.hanging, 0.0, agreement * rules.confidence[nearest])
         noise = rules.noise[nearest]
         spacing = float(np.median(samples.scale.spacing))

@@ -13,8 +13,9 @@ from o3d_sofnn.geometry.vectors import longest_side
 from o3d_sofnn.implicit.far_field import FarField
 from o3d_sofnn.implicit.field import Field
 from o3d_sofnn.implicit.units import LocalSurfaces, local_surfaces
-from o3d_sofnn.meshing.borders.closing import VOUCHED, Closing, Judge
+from o3d_sofnn.meshing.borders.closing import Closing, Judge
 from o3d_sofnn.meshing.borders.solids import solids
+from o3d_sofnn.meshing.borders.sums import VOUCHED
 from o3d_sofnn.meshing.isosurface.resolution import RESOLVES, SHEET, choose_cubes
 from o3d_sofnn.meshing.isosurface.spacing import local_spacing
 from o3d_sofnn.meshing.mesh import mesh

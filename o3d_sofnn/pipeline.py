@@ -63,7 +63,7 @@ def estimate_normals(
     with using_threads(options.n_threads):
         learned = learn_rules(points, options, clock, experience=shipped())
         estimate = _facing(points, infer(learned, options, clock)[0])
-    clock.finish()
+        clock.finish()
     return estimate
 
 
@@ -126,7 +126,7 @@ def reconstruct_surface(
             facing[near] = infer_normals(rules, vertices[near])[0]
             check_stage("attributes", normals=facing, confidences=confidence)
             quality = assess(vertices, triangles, meshed.beyond, asked)
-    clock.finish()
+        clock.finish()
     warnings = estimate.warnings + unmet(options.target_triangles, len(triangles))
     return SurfaceEstimate(
         vertices=vertices * cloud.extent + cloud.middle,

@@ -1,4 +1,4 @@
-"""How many threads the call in progress may start: said once, where it enters, and read by its kernels.
+"""How many threads the call in progress may start: said once, where it enters, and read at kernels.
 
 A context variable rather than an argument of every function on the way: each thread of the user's
 program has its own, so that two calls at the same time do not share it. No result depends on it.

@@ -3,9 +3,10 @@
 Arrays are C-contiguous and on the host: float64 but for the int64 counts and offsets. Kernels check
 types, shapes, lengths and indices: a ValueError that names the argument. Coordinates of about unit
 size give finite results whatever else they are; others and what is no number, results without
-meaning. Kernels release the GIL, have no global state, and their results do not depend on
-``n_threads``; where the system gives fewer threads they do with those, and memory that is missing
-in any of them is a MemoryError. :mod:`o3d_sofnn.reference` has a slow twin of each.
+meaning. Kernels release the GIL and have no global state. Their results do not depend on
+``n_threads``; trees and views keep theirs for what is asked of them. Where the system gives fewer
+threads, kernels make do with those; memory that is missing in any of them is a MemoryError.
+:mod:`o3d_sofnn.reference` has a slow twin of each.
 
 The module is one; its stubs are by the rooms of the package.
 """

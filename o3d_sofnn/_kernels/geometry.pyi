@@ -20,16 +20,14 @@ class KdTree:
     def size(self) -> int:
         """Number of points."""
 
-    def query(
-        self, x: _Floats, k: int, max_distance: float, n_threads: int
-    ) -> tuple[_Floats, _Ints]:
+    def query(self, x: _Floats, k: int, max_distance: float) -> tuple[_Floats, _Ints]:
         """Find the `k` nearest points of every row of `x` within `max_distance`.
 
         Returns distances and indices, (m, k) each, nearest first, of equally near ones the smaller
         index first. Infinity and ``size`` fill rows with fewer neighbours.
         """
 
-    def crowded(self, x: _Floats, k: int, distance: _Floats, n_threads: int) -> NDArray[np.uint8]:
+    def crowded(self, x: _Floats, k: int, distance: _Floats) -> NDArray[np.uint8]:
         """Whether (1 or 0) each row of `x` has at least `k` points within its `distance` (m,)."""
 
 def sort_morton(points: _Floats, n_threads: int) -> tuple[NDArray[np.uint64], _Ints]:

@@ -17,7 +17,6 @@ def reconstruct_units(
     n_neighbors: _Ints,
     n_own: _Ints,
     tolerance: _Floats,
-    n_threads: int,
 ) -> tuple[_Floats, _Ints, _Floats, _Floats]:
     """Refine the quadric of every rule until its points are met, Algorithm 2.
 
@@ -26,9 +25,7 @@ def reconstruct_units(
     the number of them in use (r,), the largest residual left (r,), and where it is (r, 3).
     """
 
-def evaluate_field(
-    rules: RuleView, rbf: _Floats, terms: _Ints, x: _Floats, k: int, n_threads: int
-) -> _Floats:
+def evaluate_field(rules: RuleView, rbf: _Floats, terms: _Ints, x: _Floats, k: int) -> _Floats:
     """Signed distance (m,) at every row of `x`, blended from the `k` nearest rules, eq. (9).
 
     `rbf` and `terms` come from :func:`reconstruct_units`.

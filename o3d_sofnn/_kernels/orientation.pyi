@@ -20,9 +20,7 @@ class WindingTree:
     def order(self) -> _Ints:
         """Order (n,) in which consecutive points lie close together."""
 
-    def winding(
-        self, mu: _Floats, x: _Floats, width: _Floats, theta: float, n_threads: int
-    ) -> _Floats:
+    def winding(self, mu: _Floats, x: _Floats, width: _Floats, theta: float) -> _Floats:
         """Winding number (m,) at every row of `x` of dipoles `mu` (n, 3), smoothed over `width`.
 
         A node that looks smaller than the opening angle `theta` is summed at its centre;
@@ -30,24 +28,20 @@ class WindingTree:
         """
 
     def gradient(
-        self, mu: _Floats, x: _Floats, width: _Floats, theta: float, n_threads: int
+        self, mu: _Floats, x: _Floats, width: _Floats, theta: float
     ) -> tuple[_Floats, _Floats]:
         """Winding number (m,) and its downhill gradient (m, 3); arguments as above."""
 
-    def lists(self, x: _Floats, theta: float, n_threads: int) -> WindingLists:
+    def lists(self, x: _Floats, theta: float) -> WindingLists:
         """Find what is summed at every row of `x`, for many sums at the same places."""
 
-    def winding_at(
-        self, mu: _Floats, lists: WindingLists, width: _Floats, n_threads: int
-    ) -> _Floats:
+    def winding_at(self, mu: _Floats, lists: WindingLists, width: _Floats) -> _Floats:
         """Sum as `winding` at the places of `lists`."""
 
     def gradient_at(
-        self, mu: _Floats, lists: WindingLists, width: _Floats, n_threads: int
+        self, mu: _Floats, lists: WindingLists, width: _Floats
     ) -> tuple[_Floats, _Floats]:
         """Sum as `gradient` at the places of `lists`."""
 
-    def adjoint_at(
-        self, charge: _Floats, lists: WindingLists, width: _Floats, n_threads: int
-    ) -> _Floats:
+    def adjoint_at(self, charge: _Floats, lists: WindingLists, width: _Floats) -> _Floats:
         """Sum as `adjoint` at the places of `lists`."""

@@ -40,7 +40,7 @@ class RuleView:
         """Number of rules."""
 
 def infer_normals(
-    rules: RuleView, x: _Floats, sides: _Floats | None, k: int, n_threads: int
+    rules: RuleView, x: _Floats, sides: _Floats | None, k: int
 ) -> tuple[_Floats, _Floats, _Floats]:
     """Infer a normal at every row of `x` from the `k` nearest rules, eq. (7) and (9).
 
@@ -49,9 +49,7 @@ def infer_normals(
     where consecutive places lie close together.
     """
 
-def consequent_errors(
-    rules: RuleView, x: _Floats, k: int, n_threads: int
-) -> tuple[_Floats, _Floats]:
+def consequent_errors(rules: RuleView, x: _Floats, k: int) -> tuple[_Floats, _Floats]:
     """Sum output, eq. (7), times fuzzy basis function, eq. (9), of each rule over `x` (m, 3).
 
     Only the `k` nearest rules of a place take part. Returns that sum and that of the basis

@@ -9,7 +9,7 @@ _Floats = NDArray[np.float64]
 _Ints = NDArray[np.int64]
 
 def fit_scales(
-    tree: KdTree, points: _Floats, centers: _Floats, scales: _Ints, n_threads: int
+    tree: KdTree, points: _Floats, centers: _Floats, scales: _Ints
 ) -> tuple[_Floats, _Floats, _Floats, _Floats]:
     """Fit quadrics around `centers` (m, 3) to the nearest `scales` (s,) points, ascending.
 
@@ -28,7 +28,6 @@ def fit_quadrics(
     sides: _Floats | None,
     across: _Floats | None,
     stretch: _Floats,
-    n_threads: int,
 ) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats]:
     """Fit one quadric around each centre, to its own number of neighbours (r,).
 

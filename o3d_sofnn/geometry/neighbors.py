@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree
-from o3d_sofnn.threads import thread_count
 
 LEAST = 2.0**-50
 """Smallest area of a sample in the unit cube: its squared resolution; also used for one sample."""
@@ -28,5 +27,5 @@ def neighborhood_areas(places: NDArray[np.float64], tree: KdTree) -> NDArray[np.
         ``pi r_k^2 / k`` from the distance to the k-th nearest sample; positive.
     """
     k = min(9, tree.size)
-    distance, _ = tree.query(places, k, np.inf, thread_count())
+    distance, _ = tree.query(places, k, np.inf)
     return np.asarray(np.maximum(np.pi * distance[:, -1] ** 2 / max(k - 0.5, 1.0), LEAST))

@@ -172,9 +172,7 @@ def assess(vertices: Array, triangles: Triangles, beyond: Array, inliers: Inlier
         vertex itself if all its edges are shorter than the point's distance along that plane.
     """
     facing = np.asarray(vertex_normals(vertices, triangles))
-    found = KdTree(vertices, thread_count()).query(inliers.points, 1, np.inf, thread_count())[1][
-        :, 0
-    ]
+    found = KdTree(vertices, thread_count()).query(inliers.points, 1, np.inf)[1][:, 0]
     step = inliers.points - vertices[found]
     off = np.abs(np.einsum("kd,kd->k", step, facing[found]))
     away = np.linalg.norm(step, axis=1)

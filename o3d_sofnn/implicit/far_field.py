@@ -74,7 +74,7 @@ class Level:
         tree: KdTree | None = self.__dict__["_tree"]
         if tree is None:
             return self.typical
-        distance, near = tree.query(x, min(NEAR_LEVELS, len(self.off)), np.inf, thread_count())
+        distance, near = tree.query(x, min(NEAR_LEVELS, len(self.off)), np.inf)
         weight = 1.0 / np.maximum(distance, 1e-9) ** 2
         return np.asarray(self.typical + (weight * self.off[near]).sum(axis=1) / weight.sum(axis=1))
 
@@ -129,9 +129,7 @@ class FarField:
 
     def winding_number(self, x: Array, spacing: Array) -> Array:
         """Return the winding number at queries `x`, (m,), smoothed according to the spacing."""
-        return np.asarray(
-            self._tree.winding(self._dipoles, x, WIDTH * spacing, OPENING, thread_count())
-        )
+        return np.asarray(self._tree.winding(self._dipoles, x, WIDTH * spacing, OPENING))
 
 
 def dipole_areas(samples: Array, spacing: Array) -> Array:
@@ -156,7 +154,7 @@ def _local_levels(places: Array, winding: Array, sheet: NDArray[np.bool_], level
     """Return the level of all, and the differences from it on sheets and in rooms."""
     rows = np.linspace(0, len(places) - 1, min(len(places), LEVELS)).astype(np.int64)
     some, k = np.ascontiguousarray(places[rows]), min(AVERAGED, len(places))
-    near = KdTree(places, thread_count()).query(some, k, np.inf, thread_count())[1]
+    near = KdTree(places, thread_count()).query(some, k, np.inf)[1]
     off = winding[near].mean(axis=1) - level
     off = sheet[near].mean(axis=1) * (off - np.clip(off, -SAME, SAME))
     return Level(level, some, off) if off.any() else Level(level, some[:0], off[:0])

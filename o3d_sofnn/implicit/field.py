@@ -99,12 +99,12 @@ class Field:
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Return the distances to the `k` nearest samples, (m, k), and their indices."""
         k = min(k, len(self._spacing))
-        distance, index = self._samples.query(x, k, np.inf, thread_count())
+        distance, index = self._samples.query(x, k, np.inf)
         return np.asarray(distance), np.asarray(index)
 
     def spacing_at(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the spacing, (m,), of the samples nearest to queries (m, 3)."""
-        return np.asarray(self._spacing[self._samples.query(x, 1, np.inf, thread_count())[1][:, 0]])
+        return np.asarray(self._spacing[self._samples.query(x, 1, np.inf)[1][:, 0]])
 
     def __call__(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Evaluate the field.
@@ -140,7 +140,7 @@ class Field:
         Beyond the reach of the widest spacing the search ends early, with an infinite distance.
         """
         limit = REACH[1] * float(self._spacing.max())
-        distance, nearest = self._samples.query(x, 1, limit, thread_count())
+        distance, nearest = self._samples.query(x, 1, limit)
         spacing = self._spacing[np.minimum(nearest[:, 0], len(self._spacing) - 1)]
         return np.asarray(distance[:, 0]), np.asarray(spacing)
 
@@ -179,7 +179,6 @@ class Field:
             self.surfaces.n_terms,
             np.ascontiguousarray(x[near]),
             min(NEAREST, len(self.rules)),
-            thread_count(),
         )
         agree = local * far[near] > 0.0
         blend = weight[near] * local + (1.0 - weight[near]) * far[near]

@@ -12,7 +12,6 @@ from o3d_sofnn._kernels import reconstruct_units as native_reconstruct_units
 from o3d_sofnn.rules.inference import infer_normals
 from o3d_sofnn.rules.rule_base import RuleBase, fit_rules, joined
 from o3d_sofnn.sampling.local_fit import Neighborhoods
-from o3d_sofnn.threads import thread_count
 
 NOISE_PRECISION = (4.0, 6.0)
 """Precision epsilon divided by the noise level, where that level is mostly shape that the quadrics
@@ -152,11 +151,10 @@ def reconstruct_units(
         tree,
         points,
         normals,
-        rules.view(),
+        rules.plain_view,
         rules.n_neighbors,
         own,
         limit,
-        thread_count(),
     )
     return LocalSurfaces(
         np.asarray(terms),

@@ -42,7 +42,7 @@ def attribute_weights(
     """
     points = distinct[inverse]
     k = min(4, len(points))
-    distance, index = KdTree(points, thread_count()).query(vertices, k, np.inf, thread_count())
+    distance, index = KdTree(points, thread_count()).query(vertices, k, np.inf)
     weight = np.exp(-0.5 * (distance**2 - distance[:, :1] ** 2) / size**2)
     weight /= weight.sum(axis=1, keepdims=True)
     start = np.arange(0, len(vertices) * k + 1, k)

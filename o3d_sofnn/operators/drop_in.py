@@ -103,6 +103,6 @@ def densities(points: NDArray[np.float64], details: SurfaceEstimate) -> NDArray[
     far = np.flatnonzero(details.confidence <= 0.0)
     tree = KdTree((inliers - middle) / side, thread_count())
     x = np.ascontiguousarray((details.vertices[far] - middle) / side)
-    distance = tree.query(x, 1, np.inf, thread_count())[0][:, 0]
+    distance = tree.query(x, 1, np.inf)[0][:, 0]
     found[far] = -distance * side / details.voxel_size
     return np.asarray(found)

@@ -7,9 +7,7 @@ import scipy.sparse
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
-from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.rules.rule_base import RuleBase
-from o3d_sofnn.threads import thread_count
 
 
 def turn_along(
@@ -39,8 +37,7 @@ def turn_along(
     turned = np.einsum("rd,rd->r", before.normals, after.normals) < 0.0
     if not (turned.any() or replaced.any()):
         return sides
-    tree = KdTree(before.feet, thread_count())
-    index = tree.query(points, min(4, len(before)), np.inf, thread_count())[1]
+    index = before.foot_tree.query(points, min(4, len(before)), np.inf)[1]
     same = np.einsum("nkd,nd->nk", before.normals[index], sides) > 0.0
     first = index[np.arange(len(points)), same.argmax(axis=1)]
     new = index[np.arange(len(points)), replaced[index].argmax(axis=1)]
@@ -63,8 +60,7 @@ def pieces(rules: RuleBase) -> NDArray[np.int64]:
         Component of each rule.
     """
     k = min(9, len(rules))
-    tree = KdTree(rules.feet, thread_count())
-    distance, index = tree.query(rules.feet, k, np.inf, thread_count())
+    distance, index = rules.foot_tree.query(rules.feet, k, np.inf)
     near = distance <= np.minimum(rules.radius[:, None], rules.radius[index])
     row, column = np.nonzero(near)
     graph = scipy.sparse.coo_matrix(

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn._kernels import KdTree, WindingTree
+from o3d_sofnn._kernels import WindingTree
 from o3d_sofnn.geometry.neighbors import neighborhood_areas
 from o3d_sofnn.orientation.components import pieces
 from o3d_sofnn.orientation.winding_normals import OPENING
 from o3d_sofnn.rules.rule_base import RuleBase
-from o3d_sofnn.threads import thread_count
 
 PREFERENCE = 0.05
 """Mean winding number on a component below which neither of its sides is the outer one. It is 1/2
@@ -112,13 +111,11 @@ def winding_before(rules: RuleBase, steps: tuple[float, ...]) -> list[NDArray[np
         Winding numbers, one array per step.
     """
     feet, normals = rules.feet, rules.normals
-    index = KdTree(feet, thread_count())
+    index = rules.foot_tree
     area = neighborhood_areas(feet, index)
-    near = index.query(feet, min(AROUND, len(feet)), np.inf, thread_count())[1]
+    near = index.query(feet, min(AROUND, len(feet)), np.inf)[1]
     spacing = np.sqrt(np.median(area[near], axis=1))
     tree = WindingTree(feet, area)
     mu = area[:, None] * normals
     places = [np.ascontiguousarray(feet + step * spacing[:, None] * normals) for step in steps]
-    return [
-        np.asarray(tree.winding(mu, x, SMOOTH * spacing, OPENING, thread_count())) for x in places
-    ]
+    return [np.asarray(tree.winding(mu, x, SMOOTH * spacing, OPENING)) for x in places]

@@ -9,7 +9,6 @@ import scipy.sparse
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
-from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.geometry.frame import Frame
 from o3d_sofnn.orientation.components import pieces, turn_along
 from o3d_sofnn.orientation.confidence import (
@@ -24,7 +23,6 @@ from o3d_sofnn.orientation.one_side import View, common_view
 from o3d_sofnn.orientation.viewpoint import SURE, seen_sides
 from o3d_sofnn.orientation.visibility import Partly, Station
 from o3d_sofnn.rules.rule_base import RuleBase
-from o3d_sofnn.threads import thread_count
 
 ALIKE = 0.7
 """Smallest cosine between the planes of neighbouring rules that propagate a sign."""
@@ -78,7 +76,7 @@ def unify(
         Number of the sheet that each rule belongs to.
     """
     n, normals, feet = len(rules), rules.normals, rules.feet
-    index = KdTree(feet, thread_count()).query(feet, min(9, n), np.inf, thread_count())[1][:, 1:]
+    index = rules.foot_tree.query(feet, min(9, n), np.inf)[1][:, 1:]
     a, b = np.repeat(np.arange(n), index.shape[1]), index.ravel()
     step = feet[b] - feet[a]
     length = np.maximum(np.linalg.norm(step, axis=1), 1e-300)

@@ -253,4 +253,4 @@ def _surrounds(discs: Discs, place: Array, n_directions: int, distance: float) -
     """
     tree = KdTree(Station(place).image(discs.places), thread_count())
     ways = even_directions(n_directions)
-    return bool((tree.query(ways, 1, np.inf, thread_count())[0] <= distance).all())
+    return bool((tree.query(ways, 1, np.inf)[0] <= distance).all())

@@ -54,7 +54,7 @@ def seen_sides(
     if sure.any() and weak.any():
         tree = KdTree(np.ascontiguousarray(places[sure]), thread_count())
         asked = np.ascontiguousarray(places[weak])
-        near = tree.query(asked, min(VOTERS, tree.size), np.inf, thread_count())[1]
+        near = tree.query(asked, min(VOTERS, tree.size), np.inf)[1]
         turn[weak] = turn[sure][near].mean(axis=1) > 0.5
     return np.where(turn[:, None], -sides, sides)
 

@@ -69,9 +69,7 @@ class Discs:
         rows = np.linspace(0, n - 1, min(n, count)).astype(np.int64)
         places = np.ascontiguousarray(samples.points[rows])
         sizes = np.unique(np.minimum(SIZES, n))
-        normals, _, radius, _ = fit_scales(
-            samples.tree, samples.points, places, sizes, thread_count()
-        )
+        normals, _, radius, _ = fit_scales(samples.tree, samples.points, places, sizes)
         wanted = samples.scale.n_neighbors[samples.scale.at(places)]
         column = np.minimum(np.searchsorted(sizes, wanted), len(sizes) - 1)
         row = np.arange(len(places))
@@ -198,7 +196,7 @@ class Several:
 
 def _nearest(surface: Array, x: Array) -> NDArray[np.int64]:
     tree = KdTree(np.ascontiguousarray(surface), thread_count())
-    return np.asarray(tree.query(np.ascontiguousarray(x), 1, np.inf, thread_count())[1][:, 0])
+    return np.asarray(tree.query(np.ascontiguousarray(x), 1, np.inf)[1][:, 0])
 
 
 def hidden(discs: Discs, station: Station, asked: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -222,7 +220,7 @@ def hidden(discs: Discs, station: Station, asked: NDArray[np.int64]) -> NDArray[
     image = station.image(discs.places)
     tree = KdTree(image, thread_count())
     count = min(IMAGE + 1, len(image))
-    index = tree.query(np.ascontiguousarray(image[asked]), count, np.inf, thread_count())[1]
+    index = tree.query(np.ascontiguousarray(image[asked]), count, np.inf)[1]
     index = index[:, 1:]
     places, rays = discs.places[asked], station.directions(discs.places[asked])
     length = np.linalg.norm(rays, axis=1)
@@ -258,7 +256,7 @@ def jumps(discs: Discs, place: Array) -> float:
     """
     image = Station(place).image(discs.places)
     count = min(BESIDE + 1, len(image))
-    beside = KdTree(image, thread_count()).query(image, count, np.inf, thread_count())[1][:, 1:]
+    beside = KdTree(image, thread_count()).query(image, count, np.inf)[1][:, 1:]
     step = discs.places[beside] - discs.places[:, None]
     length = np.maximum(np.linalg.norm(step, axis=2), 1e-300)
     across = np.minimum(

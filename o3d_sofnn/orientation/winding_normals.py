@@ -65,7 +65,7 @@ def winding_number_normals(x: Array, areas: Array, coarse: Array, fine: Array) -
     order = np.asarray(WindingTree(x, np.ones(len(x))).order())
     sorted_x, coarse, fine = np.ascontiguousarray(x[order]), coarse[order], fine[order]
     tree = WindingTree(sorted_x, np.ones(len(x)))
-    samples = _Samples(tree, tree.lists(sorted_x, OPENING, thread_count()))
+    samples = _Samples(tree, tree.lists(sorted_x, OPENING))
     half = np.full(len(x), 0.5)
     solved = SOLVED**2 * float((samples.descent(half, coarse) ** 2).sum())
     mu = np.zeros_like(sorted_x)
@@ -96,11 +96,11 @@ class _Samples:
 
     def winding(self, mu: Array, width: Array) -> Array:
         """Return the winding number at the samples: ``A mu``."""
-        return np.asarray(self.tree.winding_at(mu, self.lists, width, thread_count()))
+        return np.asarray(self.tree.winding_at(mu, self.lists, width))
 
     def descent(self, error: Array, width: Array) -> Array:
         """Return the negative gradient of half the squared error: ``A.T`` times the error."""
-        return -np.asarray(self.tree.adjoint_at(error, self.lists, width, thread_count()))
+        return -np.asarray(self.tree.adjoint_at(error, self.lists, width))
 
     def descend(self, mu: Array, width: Array, steps: int, solved: float) -> Array:
         """Move the winding number towards one half, then take the directions of its gradient."""
@@ -121,7 +121,7 @@ class _Samples:
             if square < solved:
                 break
             direction = descent + square / before * direction
-        gradient = np.asarray(self.tree.gradient_at(mu, self.lists, width, thread_count())[1])
+        gradient = np.asarray(self.tree.gradient_at(mu, self.lists, width)[1])
         return np.asarray(np.linalg.norm(mu, axis=1, keepdims=True) * unit(gradient))
 
 
@@ -179,7 +179,7 @@ def orient_points(points: NDArray[np.float64], noise: float, spacing: float) -> 
     mu = winding_number_normals(x, distance**2, coarse, fine)
     sources = WindingTree(x, np.linalg.norm(mu, axis=1))
     width = np.maximum(fine, BLUR * noise)[stands]
-    return unit(np.asarray(sources.gradient(mu, points, width, OPENING, thread_count())[1]))
+    return unit(np.asarray(sources.gradient(mu, points, width, OPENING)[1]))
 
 
 def representatives(
@@ -231,8 +231,8 @@ def regional_spacing(x: NDArray[np.float64], tree: KdTree) -> NDArray[np.float64
     (m,) float64
         Regional median of the median distance to the four nearest samples.
     """
-    near = np.median(tree.query(x, min(5, len(x)), np.inf, thread_count())[0][:, 1:], axis=1)
+    near = np.median(tree.query(x, min(5, len(x)), np.inf)[0][:, 1:], axis=1)
     places = np.ascontiguousarray(x[::SAMPLED])
-    region = tree.query(places, min(REGION, len(x)), np.inf, thread_count())[1]
-    nearest = KdTree(places, thread_count()).query(x, 1, np.inf, thread_count())[1][:, 0]
+    region = tree.query(places, min(REGION, len(x)), np.inf)[1]
+    nearest = KdTree(places, thread_count()).query(x, 1, np.inf)[1][:, 0]
     return np.asarray(np.maximum(np.median(near[region], axis=1), RESOLUTION)[nearest])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn._kernels import KdTree, consequent_errors
+from o3d_sofnn._kernels import consequent_errors
 from o3d_sofnn.rules.inference import NEAREST, infer_normals
 from o3d_sofnn.rules.refit import read_normals, revise
 from o3d_sofnn.rules.rule_base import NOISE_TOLERANCE, SHAPE_TOLERANCE, RuleBase, fit_rules
@@ -13,7 +13,6 @@ from o3d_sofnn.rules.trust import Experience
 from o3d_sofnn.sampling.local_fit import Neighborhoods, sides_around
 from o3d_sofnn.sampling.outliers import Samples
 from o3d_sofnn.sampling.scales.choice import Limits
-from o3d_sofnn.threads import thread_count
 
 ERROR = 3.0
 """System error, divided by the tolerance, above which a new rule is considered."""
@@ -75,8 +74,7 @@ def generate(
     centers, n_neighbors, noise
         Arguments of :func:`o3d_sofnn.rules.rule_base.fit_rules` for the new rules only.
     """
-    tree = KdTree(rules.centers, thread_count())
-    distance, index = tree.query(points, 1, np.inf, thread_count())
+    distance, index = rules.center_tree.query(points, 1, np.inf)
     d_min, nearest = distance[:, 0], index[:, 0]
     size, radius = rules.n_neighbors[nearest], rules.radius[nearest]
     new = (np.abs(residual) > ERROR * rules.tolerance[nearest]) & (
@@ -163,8 +161,7 @@ def combine(rules: RuleBase) -> RuleBase:
     """
     if len(rules) < 2:
         return rules
-    tree = KdTree(rules.centers, thread_count())
-    distance, index = tree.query(rules.centers, 2, np.inf, thread_count())
+    distance, index = rules.center_tree.query(rules.centers, 2, np.inf)
     row = np.arange(len(rules))
     other = np.where(index[:, 0] == row, index[:, 1], index[:, 0])
     normals = rules.normals
@@ -196,7 +193,7 @@ def adjust(rules: RuleBase, points: NDArray[np.float64]) -> RuleBase:
         The same rules, moved along their normals.
     """
     k = min(NEAREST, len(rules))
-    gradient, share = consequent_errors(rules.view(), points, k, thread_count())
+    gradient, share = consequent_errors(rules.plain_view, points, k)
     step = RATE * gradient / np.maximum(share, 1e-12)
     return rules.raised(step)
 

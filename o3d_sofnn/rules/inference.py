@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import infer_normals as native_infer_normals
 from o3d_sofnn.rules.rule_base import RuleBase
 from o3d_sofnn.rules.trust import Experience
-from o3d_sofnn.threads import thread_count
 
 NEAREST = 12
 """Number of rules that take part in the inference at one query."""
@@ -52,10 +51,8 @@ def infer_normals(
     residual : (n,) float64
         Signed distance to the quadric of the rule with the largest membership.
     """
-    gates = None if experience is None else experience.gates(rules)
-    neurons = None if experience is None else experience.neurons
-    view = rules.view(gates, neurons)
-    normals, agreement, residual = native_infer_normals(
-        view, x, sides, min(k, len(rules)), thread_count()
-    )
+    view = rules.plain_view
+    if experience is not None:
+        view = rules.view(experience.gates(rules), experience.neurons)
+    normals, agreement, residual = native_infer_normals(view, x, sides, min(k, len(rules)))
     return np.asarray(normals), np.asarray(agreement), np.asarray(residual)

@@ -11,7 +11,6 @@ from o3d_sofnn.rules.inference import infer_normals
 from o3d_sofnn.rules.rule_base import RuleBase
 from o3d_sofnn.rules.trust import Experience
 from o3d_sofnn.sampling.outliers import COMPANY, Samples
-from o3d_sofnn.threads import thread_count
 
 CREDIBLE = 0.3
 """Smallest support of rules that are used to measure distances from the surface."""
@@ -102,7 +101,7 @@ def off_surface(
     doubtful = np.flatnonzero(off)
     if len(doubtful):
         k = min(COMPANY + 1, len(points))
-        around = samples.tree.query(points[doubtful], k, np.inf, thread_count())[1][:, 1:]
+        around = samples.tree.query(points[doubtful], k, np.inf)[1][:, 1:]
         off[doubtful] = off[around].mean(axis=1) < 0.5
     return np.asarray(off)
 

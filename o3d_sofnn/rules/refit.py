@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.rules.rule_base import RuleBase, fit_rules
 from o3d_sofnn.sampling.local_fit import RADIUS, Neighborhoods
-from o3d_sofnn.threads import thread_count
 
 UNDISPUTED = 0.95
 """Share of the neighbourhood facing the side of a rule above which all of it belongs there."""
@@ -44,7 +43,7 @@ def revise(
         return rules
     again = rules.rows(disputed)
     # A rule between two faces joins one of them; its own normal may lie between theirs.
-    side = normals[tree.query(again.feet, 1, np.inf, thread_count())[1][:, 0]]
+    side = normals[tree.query(again.feet, 1, np.inf)[1][:, 0]]
     same = np.einsum("rd,rd->r", side, again.normals) > 0.0
     side = np.where(same[:, None], side, again.normals)
     where = Neighborhoods(
@@ -75,9 +74,7 @@ def read_normals(rules: RuleBase, points: NDArray[np.float64]) -> NDArray[np.boo
     moved = np.linalg.norm(again.feet - again.centers, axis=1)
     reach = np.sqrt(again.stretch) * again.radius / RADIUS + moved
     widest = np.full(len(points), 1.001 * reach.max())  # the margin exceeds the rounding of radii
-    return np.asarray(
-        KdTree(again.feet, thread_count()).crowded(points, 1, widest, thread_count()), bool
-    )
+    return np.asarray(again.foot_tree.crowded(points, 1, widest), bool)
 
 
 def _disputed(rules: RuleBase) -> NDArray[np.bool_]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TypeVar
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,7 @@ def fit_rules(
     """
     quadrics = fit_quadrics(tree, points, normals, where)
     confidence = np.ones(len(quadrics)) if confidence is None else confidence
-    return RuleBase(**vars(quadrics), noise=where.noise, confidence=confidence)
+    return RuleBase(**columns(quadrics), noise=where.noise, confidence=confidence)
 
 
 NOISE_TOLERANCE = 1.4
@@ -145,6 +146,21 @@ class RuleBase(Quadrics):
             noise=scale * self.noise,
         )
 
+    @cached_property
+    def center_tree(self) -> KdTree:
+        """Tree of the centres."""
+        return KdTree(self.centers, thread_count())
+
+    @cached_property
+    def foot_tree(self) -> KdTree:
+        """Tree of the feet."""
+        return KdTree(self.feet, thread_count())
+
+    @cached_property
+    def plain_view(self) -> RuleView:
+        """The rules for the native kernels, without the off-line rules and as they are trusted."""
+        return self.view()
+
     def view(
         self,
         gates: NDArray[np.float64] | None = None,
@@ -179,11 +195,16 @@ class RuleBase(Quadrics):
 
     def rows(self, index: NDArray[np.bool_]) -> RuleBase:
         """Return the rules in a mask, (r,) bool."""
-        return RuleBase(**{name: value[index] for name, value in vars(self).items()})
+        return RuleBase(**{name: value[index] for name, value in columns(self).items()})
 
     def joined(self, other: RuleBase) -> RuleBase:
         """Return both rule bases joined, this one first."""
         return joined(self, other)
+
+
+def columns(table: Any) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a table (a dataclass of arrays with as many rows each) by name."""
+    return {field.name: getattr(table, field.name) for field in fields(table)}
 
 
 Table = TypeVar("Table")
@@ -191,5 +212,5 @@ Table = TypeVar("Table")
 
 def joined(first: Table, second: Table) -> Table:
     """Join the rows of two tables of the same type, the first one first."""
-    a, b = vars(first), vars(second)
+    a, b = columns(first), columns(second)
     return type(first)(**{name: np.concatenate([a[name], b[name]]) for name in a})

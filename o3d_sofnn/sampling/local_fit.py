@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn._kernels import fit_quadrics as native_fit_quadrics
 from o3d_sofnn.geometry.vectors import unit
-from o3d_sofnn.threads import thread_count
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -168,7 +167,6 @@ def fit_quadrics(
         where.sides,
         where.across,
         stretch,
-        thread_count(),
     )
     quadrics = Quadrics(
         centers=where.centers,
@@ -205,7 +203,7 @@ def sides_around(
     (m, 3) float64
         Unit normals.
     """
-    distance, index = tree.query(x, min(NEAREST, len(normals)), np.inf, thread_count())
+    distance, index = tree.query(x, min(NEAREST, len(normals)), np.inf)
     around = normals[index]
     same = np.maximum(np.einsum("mkd,md->mk", around, facing), 1e-6)
     width = np.maximum(distance[:, 1 % distance.shape[1]], 1e-300)[:, None]

@@ -157,14 +157,14 @@ def find_outliers(
         return np.zeros(len(points), bool)
     usual = _usual_distance(points, tree, scale, k, distance)
     # If all neighbours are within the limit, so is their mean. Only the few others are examined.
-    crowded = tree.crowded(points, k, ALONE[0] * usual, thread_count())
+    crowded = tree.crowded(points, k, ALONE[0] * usual)
     doubtful = np.flatnonzero(crowded == 0)
     reach, index = _mean_distance(points[doubtful], tree, k)
     alone = reach > ALONE[0] * usual[doubtful]
     lonely, reach, index = doubtful[alone], reach[alone], index[alone]
     if not 0 < len(lonely) < 0.5 * len(points):
         return np.zeros(len(points), bool)
-    variation = fit_scales(tree, points, points[lonely], np.array([k + 4]), thread_count())[3]
+    variation = fit_scales(tree, points, points[lonely], np.array([k + 4]))[3]
     around, _ = _mean_distance(points[index.ravel()], tree, k)
     apart = reach > ALONE[1] * np.median(around.reshape(index.shape), axis=1)
     outlier = np.zeros(len(points), bool)
@@ -187,17 +187,17 @@ def _usual_distance(
     usual = scale.spacing + scale.noise
     expected = np.ones(len(usual))
     if distance is not None:
-        expected = distance[tree.query(scale.places, 1, np.inf, thread_count())[1][:, 0]]
+        expected = distance[tree.query(scale.places, 1, np.inf)[1][:, 0]]
     credible = usual <= SPARSE * np.median(usual / np.maximum(expected, 1e-300)) * expected
     sparse = np.flatnonzero(~credible)
     if len(sparse):
         places = scale.places[sparse]
-        variation = fit_scales(tree, points, places, np.array([k + 4]), thread_count())[3]
+        variation = fit_scales(tree, points, places, np.array([k + 4]))[3]
         credible[sparse] = variation[:, 0] < FLAT
     if credible.all():
         return np.asarray(usual[scale.at(points)])
     places = scale.places[credible]
-    near = KdTree(places, thread_count()).query(points, 1, np.inf, thread_count())[1][:, 0]
+    near = KdTree(places, thread_count()).query(points, 1, np.inf)[1][:, 0]
     return np.asarray(usual[credible][near])
 
 
@@ -205,5 +205,5 @@ def _mean_distance(
     x: NDArray[np.float64], tree: KdTree, k: int
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the mean distance of tree points to their neighbours, and the neighbours' indices."""
-    distance, index = tree.query(x, k, np.inf, thread_count())
+    distance, index = tree.query(x, k, np.inf)
     return np.asarray(distance[:, 1:].mean(axis=1)), np.asarray(index[:, 1:])

@@ -154,7 +154,7 @@ def find_steps(points: NDArray[np.float64], origin: NDArray[np.float64]) -> Step
     if not _steps(points[start[:, None] + np.arange(k)]).any():  # most clouds: without a tree
         return none
     tree, places = KdTree(points, thread_count()), points[pilots]
-    distance, near = tree.query(places, k, np.inf, thread_count())
+    distance, near = tree.query(places, k, np.inf)
     around = points[near]
     spacing = distance[:, -1] * np.sqrt(np.pi / k)
     step = _steps(around)
@@ -164,7 +164,7 @@ def find_steps(points: NDArray[np.float64], origin: NDArray[np.float64]) -> Step
     fits = fit_across(points, tree, step, distance, around)
     rounded, sampled = evidence(step, spacing, around, fits)
     pilot_tree = KdTree(places, thread_count())
-    region = pilot_tree.query(places, min(REGION, len(places)), np.inf, thread_count())[1]
+    region = pilot_tree.query(places, min(REGION, len(places)), np.inf)[1]
     width = _agreed(step, rounded, sampled, region)
     if not width.any():
         return none
@@ -237,4 +237,4 @@ def _scatter(values: NDArray[np.float64]) -> float:
 
 
 def _nearest(tree: KdTree, x: NDArray[np.float64]) -> NDArray[np.int64]:
-    return np.asarray(tree.query(x, 1, np.inf, thread_count())[1][:, 0])
+    return np.asarray(tree.query(x, 1, np.inf)[1][:, 0])

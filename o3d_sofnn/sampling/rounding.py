@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import KdTree, fit_quadrics
 from o3d_sofnn.geometry.vectors import unit
 from o3d_sofnn.sampling.levels import BLUR, sampling_pattern
-from o3d_sofnn.threads import thread_count
 
 REACH, SMALLEST = 2.5, 27
 """Radius of the fits divided by the step, and their smallest number of points: they contain five
@@ -116,7 +115,7 @@ def fit_across(
     within = np.maximum(within, min(SMALLEST, k))
     zeros, ones = np.zeros(len(places)), np.ones(len(places))
     frames, c, residual, radius, _ = fit_quadrics(
-        tree, points, places, within, zeros, 1, None, None, None, ones, thread_count()
+        tree, points, places, within, zeros, 1, None, None, None, ones
     )
     tilt = c[:, 1:2] * frames[:, 0] + c[:, 2:3] * frames[:, 1]
     bend = np.abs(c[:, 3] + c[:, 5]) + np.hypot(c[:, 3] - c[:, 5], c[:, 4])

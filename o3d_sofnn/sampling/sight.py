@@ -90,7 +90,7 @@ def _hanging(seen: NDArray[np.float64], noise: NDArray[np.float64]) -> NDArray[n
     if len(seen) < VIEW or distance.min() > PARALLEL * longest_side(seen):
         return np.zeros(len(seen), bool)
     rays = seen / distance[:, None]
-    angle, near = KdTree(rays, thread_count()).query(rays, BESIDE + 1, np.inf, thread_count())
+    angle, near = KdTree(rays, thread_count()).query(rays, BESIDE + 1, np.inf)
     apart = distance * angle[:, -1] * np.sqrt(np.pi / BESIDE)
     reach = NEAR * apart + NOISY * noise
     beside = np.linalg.norm(seen[near[:, 1:]] - seen[:, None], axis=2) <= reach[:, None]

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree
-from o3d_sofnn.threads import thread_count
 
 FEW = 24
 """Number of points below which a surface is a guess: the corners of a cube or an icosahedron could
@@ -60,7 +59,7 @@ def volume_share(points: NDArray[np.float64], tree: KdTree) -> float:
     if len(counts) < 2:
         return 0.0
     rows = np.linspace(0, len(points) - 1, PLACES).astype(int)
-    reach = tree.query(points[rows], counts[-1] + 1, np.inf, thread_count())[0][:, counts]
+    reach = tree.query(points[rows], counts[-1] + 1, np.inf)[0][:, counts]
     growth = np.log(reach[:, 1:] / reach[:, :-1])
     dimension = np.log(COUNTS[1] / COUNTS[0]) / np.maximum(growth, 1e-9)
     return float((dimension.min(axis=1) > SOLID).mean())

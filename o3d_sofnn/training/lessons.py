@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.algorithm1 import learn_rules
 from o3d_sofnn.options import Options
 from o3d_sofnn.progress import Clock
@@ -16,7 +15,6 @@ from o3d_sofnn.reference.rules.inference import log_memberships
 from o3d_sofnn.reference.rules.rules import Rules
 from o3d_sofnn.rules.inference import NEAREST
 from o3d_sofnn.rules.trust import place_inputs, rule_inputs
-from o3d_sofnn.threads import thread_count
 
 Array = NDArray[np.float64]
 
@@ -82,9 +80,7 @@ def lessons(points: Array, normals: Array, count: int) -> Lessons:
     row = np.linspace(0, len(learned.sides) - 1, count).astype(np.int64)
     x, side = learned.samples.points[row], learned.sides[row]
     truth = normals[learned.cloud.first[learned.samples.kept][row]]
-    near = KdTree(base.centers, thread_count()).query(
-        x, min(NEAREST, len(base)), np.inf, thread_count()
-    )[1]
+    near = base.center_tree.query(x, min(NEAREST, len(base)), np.inf)[1]
     rules = Rules(
         base.centers,
         base.frames,

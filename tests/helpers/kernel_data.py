@@ -33,9 +33,9 @@ def with_trust(rules, m=3, seed=5):
     return rules._replace(gates=gates, neurons=rng.uniform(0.0, 1.0, (m, 3, 3)))
 
 
-def view(rules):
+def view(rules, n_threads=1):
     """The same rules for the kernels."""
-    return _kernels.RuleView(*rules, 1)
+    return _kernels.RuleView(*rules, n_threads)
 
 
 def random_terms(n=300, seed=0):
@@ -57,7 +57,7 @@ def unit_data(points, normals, tolerance=0.002):
     tree = _kernels.KdTree(points, 1)
     sizes = np.full(n, 40)
     frames, coefficients, _, radius, _ = _kernels.fit_quadrics(
-        tree, points, centers, sizes, np.zeros(n), 0, None, None, None, np.ones(n), 1
+        tree, points, centers, sizes, np.zeros(n), 0, None, None, None, np.ones(n)
     )
     frames, coefficients = np.array(frames), np.array(coefficients)
     inward = (frames[:, 2] * normals[::15]).sum(axis=1) < 0.0

@@ -21,7 +21,7 @@ def random_points(n, seed=0):
 
 def assert_same_neighbors(points, x, k, max_distance=np.inf, n_threads=1):
     tree = _kernels.KdTree(points, n_threads)
-    distance, index = tree.query(x, k, max_distance, n_threads)
+    distance, index = tree.query(x, k, max_distance)
     expected_distance, expected_index = reference.query(points, x, k, max_distance)
     np.testing.assert_array_equal(index, expected_index)
     # The compiler may add three squares in another order than numpy.
@@ -40,7 +40,7 @@ def test_neighbors_are_those_of_a_full_search(n, k):
 
 def test_more_neighbors_than_points_are_padded():
     tree = _kernels.KdTree(random_points(3), 1)
-    distance, index = tree.query(random_points(2, seed=1), 5, np.inf, 1)
+    distance, index = tree.query(random_points(2, seed=1), 5, np.inf)
     assert tree.size == 3
     assert np.isinf(distance[:, 3:]).all()
     assert (index[:, 3:] == 3).all()
@@ -48,7 +48,7 @@ def test_more_neighbors_than_points_are_padded():
 
 
 def test_no_points_no_neighbors():
-    distance, index = _kernels.KdTree(np.empty((0, 3)), 1).query(np.zeros((1, 3)), 2, np.inf, 1)
+    distance, index = _kernels.KdTree(np.empty((0, 3)), 1).query(np.zeros((1, 3)), 2, np.inf)
     assert np.isinf(distance).all()
     assert (index == 0).all()
 
@@ -57,8 +57,8 @@ def test_distance_limit_is_inclusive():
     points = np.arange(5.0)[:, None] * [1.0, 0.0, 0.0]
     assert_same_neighbors(points, points, 5, max_distance=2.0)
     tree = _kernels.KdTree(points, 1)
-    assert (np.isfinite(tree.query(points[:1], 5, 2.0, 1)[0]).sum(axis=1) == 3).all()
-    assert (np.isfinite(tree.query(points[:1], 5, 0.0, 1)[0]).sum(axis=1) == 1).all()
+    assert (np.isfinite(tree.query(points[:1], 5, 2.0)[0]).sum(axis=1) == 3).all()
+    assert (np.isfinite(tree.query(points[:1], 5, 0.0)[0]).sum(axis=1) == 1).all()
 
 
 def test_neighbors_of_repeated_points_come_by_index():
@@ -95,7 +95,7 @@ def test_crowded_places(k):
     points = random_points(300)
     x = np.concatenate([points[:60], 2.0 * random_points(60, seed=1)])
     distance = np.random.default_rng(2).uniform(0.0, 1.5, len(x))
-    found = _kernels.KdTree(points, 1).crowded(x, k, distance, 2)
+    found = _kernels.KdTree(points, 1).crowded(x, k, distance)
     np.testing.assert_array_equal(found, reference.crowded(points, x, k, distance))
 
 
@@ -116,7 +116,7 @@ def test_fits_of_several_scales(noise, factor):
     points = torus(600).noisy(noise).scaled(factor).points
     centers, scales = points[::20], np.array([8, 18, 40, 1000])
     tree = _kernels.KdTree(points, 1)
-    found = _kernels.fit_scales(tree, points, centers, scales, 2)
+    found = _kernels.fit_scales(tree, points, centers, scales)
     assert_same_fits(list(map(np.asarray, found)), reference.fit_scales(points, centers, scales))
 
 
@@ -134,7 +134,7 @@ def test_fits_of_rules(sided, stretched, iterations):
     stretch = np.linspace(1.0, 2.0, len(centers)) if stretched else np.ones(len(centers))
     across = sides[:, [1, 2, 0]] if stretched else None
     options = normals, sides, across, stretch
-    found = _kernels.fit_quadrics(tree, points, centers, size, robust, iterations, *options, 2)
+    found = _kernels.fit_quadrics(tree, points, centers, size, robust, iterations, *options)
     frames, coefficients, *figures = map(np.asarray, found)
     wanted = reference.Wanted(size, robust, sides, across, stretch)
     expected = reference.fit_quadrics(points, centers, wanted, iterations, normals)
@@ -154,7 +154,7 @@ def test_frames_are_right_handed_and_orthonormal():
     sizes, robust = np.full(300, 20), np.zeros(300)
     frames = np.asarray(
         _kernels.fit_quadrics(
-            tree, points, points, sizes, robust, 0, None, None, None, np.ones(300), 1
+            tree, points, points, sizes, robust, 0, None, None, None, np.ones(300)
         )[0]
     )
     np.testing.assert_allclose(
@@ -168,7 +168,7 @@ def test_fit_recovers_an_exact_quadric():
     u, v = rng.uniform(-1.0, 1.0, (2, 400))
     points = np.stack([u, v, 0.02 * u * u - 0.01 * u * v + 0.03 * v * v], axis=1)
     tree = _kernels.KdTree(points, 1)
-    normals, residual, *_ = _kernels.fit_scales(tree, points, np.zeros((1, 3)), np.array([60]), 1)
+    normals, residual, *_ = _kernels.fit_scales(tree, points, np.zeros((1, 3)), np.array([60]))
     assert abs(normals[0, 0, 2]) > 1.0 - 1e-7
     assert residual[0, 0] < 1e-5
 
@@ -176,7 +176,7 @@ def test_fit_recovers_an_exact_quadric():
 def test_fit_of_points_in_one_place_is_finite():
     points = np.zeros((20, 3))
     tree = _kernels.KdTree(points, 1)
-    normals, *figures = _kernels.fit_scales(tree, points, points[:1], np.array([8]), 1)
+    normals, *figures = _kernels.fit_scales(tree, points, points[:1], np.array([8]))
     assert np.isfinite(normals).all()
     assert np.isfinite(figures).all()
     np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1.0)
@@ -232,28 +232,27 @@ def test_results_do_not_depend_on_the_number_of_threads(n_threads):
     x = places_near(rules)
     sizes, robust = np.full(len(points), 20), np.full(len(points), 0.02)
     data, normal, unit_rules, *rest = unit_data(points, normals)
-    units = data, normal, view(unit_rules), *rest
     area, mu = np.ones(len(points)), normals / len(points)
 
     def everything(threads):
-        tree = _kernels.KdTree(points, threads)
-        yield from tree.query(x, 9, np.inf, threads)
-        yield from _kernels.fit_scales(tree, points, points[::7], np.array([8, 27]), threads)
+        tree, rule_view = _kernels.KdTree(points, threads), view(rules, threads)
+        yield from tree.query(x, 9, np.inf)
+        yield from _kernels.fit_scales(tree, points, points[::7], np.array([8, 27]))
         yield from _kernels.fit_quadrics(
             *(tree, points, points, sizes, robust, 2, normals, normals, normals[:, [1, 2, 0]]),
-            *(np.linspace(1.0, 2.0, len(points)), threads),
+            np.linspace(1.0, 2.0, len(points)),
         )
         yield _kernels.typical_data(*cells_of(points), 8, 1e-2, threads)
-        yield from _kernels.infer_normals(view(rules), x, None, 12, threads)
-        yield from _kernels.reconstruct_units(tree, *units, threads)
-        yield from _kernels.consequent_errors(view(rules), x, 12, threads)
-        yield _kernels.evaluate_field(view(rules), *random_terms(1500), x, 16, threads)
+        yield from _kernels.infer_normals(rule_view, x, None, 12)
+        yield from _kernels.reconstruct_units(tree, data, normal, view(unit_rules), *rest)
+        yield from _kernels.consequent_errors(rule_view, x, 12)
+        yield _kernels.evaluate_field(rule_view, *random_terms(1500), x, 16)
         widths = np.full(len(x), 0.1)
-        sources = _kernels.WindingTree(points, area)
-        yield sources.winding(mu, x, widths, 0.5, threads)
-        yield from sources.gradient(mu, x, widths, 0.5, threads)
-        lists = sources.lists(x, 0.5, threads)
-        yield sources.adjoint_at(area, lists, widths, threads)
+        sources = _kernels.WindingTree(points, area, threads)
+        yield sources.winding(mu, x, widths, 0.5)
+        yield from sources.gradient(mu, x, widths, 0.5)
+        lists = sources.lists(x, 0.5)
+        yield sources.adjoint_at(area, lists, widths)
 
     for one, several in zip(everything(1), everything(n_threads), strict=True):
         assert np.asarray(one).tobytes() == np.asarray(several).tobytes()

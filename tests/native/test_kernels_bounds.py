@@ -31,7 +31,7 @@ def test_frames_where_the_narrow_tangent_is_the_normal(turn):
         for across in turn:
             options = sides, np.tile(across, (4, 1)), stretch
             found = _kernels.fit_quadrics(
-                tree, points, centers, sizes, robust, 3, normals, *options, 1
+                tree, points, centers, sizes, robust, 3, normals, *options
             )
             wanted = Wanted(sizes, robust, *options)
             expected = reference.fit_quadrics(points, centers, wanted, 3, normals)
@@ -52,7 +52,7 @@ def test_a_fit_without_any_weight_is_a_plane():
     size, robust, normals = np.array([2]), np.array([0.1]), np.tile(up, (2, 1))
     options = up, across, np.array([1.9])
     tree, center = _kernels.KdTree(points, 1), np.zeros((1, 3))
-    found = _kernels.fit_quadrics(tree, points, center, size, robust, 3, normals, *options, 1)
+    found = _kernels.fit_quadrics(tree, points, center, size, robust, 3, normals, *options)
     expected = reference.fit_quadrics(points, center, Wanted(size, robust, *options), 3, normals)
     for array, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(array, other, rtol=1e-12, atol=1e-12)
@@ -93,24 +93,24 @@ def test_odd_rules_say_something_finite(kind):
     terms = random_terms()
     x = places_near(rules) * (1e15 if kind == "far places" else 1.0)
     for trusted in (rules, with_trust(rules)):
-        normals, agreement, residual = _kernels.infer_normals(view(trusted), x, None, 12, 1)
+        normals, agreement, residual = _kernels.infer_normals(view(trusted), x, None, 12)
         assert np.isfinite(agreement).all()
         assert np.isfinite(residual).all()
         np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-12)
-    assert all(np.isfinite(a).all() for a in _kernels.consequent_errors(view(rules), x, 12, 1))
+    assert all(np.isfinite(a).all() for a in _kernels.consequent_errors(view(rules), x, 12))
     for k in (1, 3, 16):
-        assert np.isfinite(_kernels.evaluate_field(view(rules), *terms, x, k, 1)).all()
+        assert np.isfinite(_kernels.evaluate_field(view(rules), *terms, x, k)).all()
 
 
 @pytest.mark.parametrize("kind", ["no tolerance", "short frames", "no quality"])
 def test_odd_rules_are_those_of_the_twins(kind):
     rules, terms = odd_rules(kind), random_terms()
     x = places_near(rules)[::9]
-    found = np.asarray(_kernels.evaluate_field(view(rules), *terms, x, 5, 1))
+    found = np.asarray(_kernels.evaluate_field(view(rules), *terms, x, 5))
     expected = reference.evaluate_field(rules, *terms, x, 5)
     close = np.isclose(found, expected, rtol=1e-6, atol=1e-9)
     assert close.mean() > 0.97, close.mean()  # equal memberships may tie in another order
-    infer = _kernels.infer_normals(view(rules), x, None, 5, 1)
+    infer = _kernels.infer_normals(view(rules), x, None, 5)
     for array, other in zip(infer, reference.infer_normals(rules, x, None, 5), strict=True):
         assert np.isclose(array, other, rtol=1e-6, atol=1e-9).mean() > 0.97
 
@@ -120,7 +120,7 @@ def test_units_of_any_size_are_finite(radius):
     points, normals, rules, *rest = unit_data(*torus(900))
     rules = rules._replace(radius=np.full(len(rules.centers), radius))
     tree = _kernels.KdTree(points, 1)
-    found = _kernels.reconstruct_units(tree, points, normals, view(rules), *rest, 1)
+    found = _kernels.reconstruct_units(tree, points, normals, view(rules), *rest)
     assert all(np.isfinite(array).all() for array in found)
 
 
@@ -135,16 +135,16 @@ def test_winding_numbers_of_a_dense_spot(spot):
     charge, width = rng.normal(size=1000), np.full(1000, 1e-30)
     tree = _kernels.WindingTree(x, np.ones(1000))
     # What the iteration of the sides does: the answer to one sum is what the next one adds up.
-    winding = np.asarray(tree.winding(mu, x, width, 0.6, 1))
+    winding = np.asarray(tree.winding(mu, x, width, 0.6))
     assert np.isfinite(winding).all()
-    downhill = np.asarray(tree.adjoint_at(charge, tree.lists(x, 0.6, 1), width, 1))
-    for vectors in (downhill, np.asarray(tree.gradient(mu, x, width, 0.6, 1)[1])):
+    downhill = np.asarray(tree.adjoint_at(charge, tree.lists(x, 0.6), width))
+    for vectors in (downhill, np.asarray(tree.gradient(mu, x, width, 0.6)[1])):
         assert np.isfinite(vectors).all()
-        assert np.isfinite(tree.winding(vectors, x, width, 0.6, 1)).all()
+        assert np.isfinite(tree.winding(vectors, x, width, 0.6)).all()
     if spot == 0.0:
         expected = reference.evaluate_winding(x[500:], normals, None, x[500:], width[500:])[0]
         alone = _kernels.WindingTree(points, np.ones(500))
-        found = alone.winding(normals, points, width[500:], 1e-6, 1)
+        found = alone.winding(normals, points, width[500:], 1e-6)
         np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-3 * np.abs(expected).max())
 
 

@@ -27,7 +27,7 @@ def test_inferred_normals(k, places, sided):
     rules = random_rules()
     x = places(rules)
     sides = np.random.default_rng(4).normal(size=x.shape) if sided else None
-    found = _kernels.infer_normals(view(rules), x, sides, k, 2)
+    found = _kernels.infer_normals(view(rules), x, sides, k)
     expected = reference.infer_normals(rules, x, sides, k)
     for values, right in zip(found, expected, strict=True):
         np.testing.assert_allclose(values, right, rtol=0.0, atol=1e-9)
@@ -40,7 +40,7 @@ def test_normals_inferred_with_off_line_rules(neurons, sided):
     rules = with_trust(random_rules(), neurons)
     x = places_near(rules)
     sides = np.random.default_rng(4).normal(size=x.shape) if sided else None
-    found = _kernels.infer_normals(view(rules), x, sides, 12, 2)
+    found = _kernels.infer_normals(view(rules), x, sides, 12)
     expected = reference.infer_normals(rules, x, sides, 12)
     for values, right in zip(found, expected, strict=True):
         np.testing.assert_allclose(values, right, rtol=0.0, atol=1e-9)
@@ -60,7 +60,7 @@ def test_gates_and_neurons_belong_together():
 def test_consequent_errors(k, places):
     rules = random_rules()
     x = places(rules)
-    error, share = _kernels.consequent_errors(view(rules), x, k, 2)
+    error, share = _kernels.consequent_errors(view(rules), x, k)
     expected_error, expected_share = reference.consequent_errors(rules, x, k)
     np.testing.assert_allclose(share, expected_share, rtol=0.0, atol=1e-8)
     np.testing.assert_allclose(error, expected_error, rtol=0.0, atol=1e-8)
@@ -70,17 +70,17 @@ def test_consequent_errors(k, places):
 def test_inferred_normals_do_not_depend_on_the_other_places():
     rules = random_rules()
     x = nearby_runs(rules)
-    together = np.asarray(_kernels.infer_normals(view(rules), x, None, 12, 1)[0])
+    together = np.asarray(_kernels.infer_normals(view(rules), x, None, 12)[0])
     order = np.random.default_rng(0).permutation(len(x))
     shuffled = np.ascontiguousarray(x[order])
-    apart = np.asarray(_kernels.infer_normals(view(rules), shuffled, None, 12, 1)[0])
+    apart = np.asarray(_kernels.infer_normals(view(rules), shuffled, None, 12)[0])
     np.testing.assert_allclose(apart, together[order], rtol=0.0, atol=1e-12)
 
 
 def test_rules_that_cancel_leave_the_best_one():
     frames = np.array([np.eye(3), np.diag([1.0, -1.0, -1.0])])
     rules = reference.Rules(np.zeros((2, 3)), frames, np.zeros((2, 6)), *np.ones((4, 2)))
-    normals, *figures = _kernels.infer_normals(view(rules), np.zeros((1, 3)), None, 2, 1)
+    normals, *figures = _kernels.infer_normals(view(rules), np.zeros((1, 3)), None, 2)
     assert abs(normals[0, 2]) == 1.0
     assert np.isfinite(figures).all()
 
@@ -88,7 +88,7 @@ def test_rules_that_cancel_leave_the_best_one():
 def test_normals_far_from_every_rule_are_unit():
     rules = random_rules()
     x = np.array([[1e3, 0.0, 0.0], [0.0, 1e6, 0.0]])
-    normals = _kernels.infer_normals(view(rules), x, None, 12, 1)[0]
+    normals = _kernels.infer_normals(view(rules), x, None, 12)[0]
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-12)
 
 
@@ -96,7 +96,7 @@ def test_normals_far_from_every_rule_are_unit():
 def test_field(k):
     rules, terms = random_rules(), random_terms()
     x = places_near(rules)
-    values = _kernels.evaluate_field(view(rules), *terms, x, k, 2)
+    values = _kernels.evaluate_field(view(rules), *terms, x, k)
     expected = reference.evaluate_field(rules, *terms, x, k)
     np.testing.assert_allclose(values, expected, rtol=0.0, atol=1e-9)
 
@@ -124,7 +124,7 @@ def test_field_keeps_edges_sharp(convex):
     across = np.random.default_rng(0).uniform(-0.05, 0.05, (200, 2))
     x = np.column_stack([across, np.full(200, inner)])
     terms = no_terms(len(rules.centers))
-    values = _kernels.evaluate_field(view(rules), *terms, x, 16, 1)
+    values = _kernels.evaluate_field(view(rules), *terms, x, 16)
     exact = across.max(axis=1) if convex else across.min(axis=1)
     np.testing.assert_allclose(values, exact, rtol=0.0, atol=1e-12)
 
@@ -141,7 +141,7 @@ def test_the_odd_edge_of_three_faces_comes_first(convex):
         centers, frames, np.zeros((3, 6)), *np.ones((2, 3)), np.full(3, 0.01), np.ones(3)
     )
     x = np.random.default_rng(0).uniform(-0.1, 0.1, (200, 3))
-    values = _kernels.evaluate_field(view(rules), *no_terms(3), x, 16, 1)
+    values = _kernels.evaluate_field(view(rules), *no_terms(3), x, 16)
     heights = ((x[:, None] - centers) * normals).sum(axis=2)
     pair = heights[:, 1:].min(axis=1) if convex else heights[:, 1:].max(axis=1)
     exact = np.maximum(heights[:, 0], pair) if convex else np.minimum(heights[:, 0], pair)
@@ -164,7 +164,7 @@ def edge_with_few_rules(bend):
 def test_a_flat_face_with_few_rules_bounds_the_other_one(bend, cut):
     rules = edge_with_few_rules(bend)
     x = np.array([[0.1, 0.0, -0.01]])
-    value = _kernels.evaluate_field(view(rules), *no_terms(3), x, 16, 1)
+    value = _kernels.evaluate_field(view(rules), *no_terms(3), x, 16)
     assert (value[0] > 0.09) == cut
     expected = reference.evaluate_field(rules, *no_terms(3), x, 16)
     np.testing.assert_allclose(value, expected, rtol=0.0, atol=1e-12)
@@ -175,8 +175,8 @@ def test_a_flat_face_with_few_rules_bounds_the_other_one(bend, cut):
 
 def reconstruct(data, n_threads):
     points, normals, rules, *rest = data
-    tree = _kernels.KdTree(points, 1)
-    return _kernels.reconstruct_units(tree, points, normals, view(rules), *rest, n_threads)
+    tree = _kernels.KdTree(points, n_threads)
+    return _kernels.reconstruct_units(tree, points, normals, view(rules), *rest)
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 0.002, 0.02, 1.0])

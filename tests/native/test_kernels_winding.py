@@ -9,12 +9,12 @@ from shapes import sphere, torus
 from o3d_sofnn import _kernels, reference
 
 
-def sums(tree, mu, charge, x, widths, theta, n_threads=1):
+def sums(tree, mu, charge, x, widths, theta):
     """Winding number, gradient and adjoint of one call each, the winding number of both calls."""
-    alone = tree.winding(mu, x, widths, theta, n_threads)
-    winding, gradient = tree.gradient(mu, x, widths, theta, n_threads)
+    alone = tree.winding(mu, x, widths, theta)
+    winding, gradient = tree.gradient(mu, x, widths, theta)
     np.testing.assert_allclose(alone, winding, rtol=0.0, atol=1e-6 * np.abs(winding).max())
-    adjoint = tree.adjoint_at(charge, tree.lists(x, theta, n_threads), widths, n_threads)
+    adjoint = tree.adjoint_at(charge, tree.lists(x, theta), widths)
     return winding, gradient, adjoint
 
 
@@ -30,7 +30,7 @@ def dipoles(n=1500):
 def test_winding_sums_without_opening_are_direct_sums(width):
     points, area, mu, charge, x = dipoles()
     widths = np.full(len(x), width)
-    found = sums(_kernels.WindingTree(points, area), mu, charge, x, widths, 1e-6, 2)
+    found = sums(_kernels.WindingTree(points, area, 2), mu, charge, x, widths, 1e-6)
     expected = reference.evaluate_winding(points, mu, charge, x, widths)
     size = reference.evaluate_winding(points, mu, np.abs(charge), x, widths)
     for values, exact, scale in zip(found, expected, size, strict=True):
@@ -78,7 +78,7 @@ def test_winding_number_of_a_closed_surface():
     area = np.full(4000, 4.0 * np.pi / 4000)
     x = np.array([[0.0, 0.0, 0.0], [0.3, -0.2, 0.4], [2.0, 0.0, 0.0], [0.0, 5.0, 5.0]])
     tree = _kernels.WindingTree(points, area)
-    winding = tree.winding(area[:, None] * normals, x, np.full(4, 0.05), 0.5, 1)
+    winding = tree.winding(area[:, None] * normals, x, np.full(4, 0.05), 0.5)
     np.testing.assert_allclose(winding, [1.0, 1.0, 0.0, 0.0], atol=0.02)
 
 
@@ -86,8 +86,8 @@ def test_adjoint_is_the_transposed_operator():
     points, _, mu, charge, _ = dipoles(400)
     width = np.full(400, 0.1)
     tree = _kernels.WindingTree(points, np.ones(400))
-    winding = np.asarray(tree.winding(mu, points, width, 1e-6, 1))
-    adjoint = np.asarray(tree.adjoint_at(charge, tree.lists(points, 1e-6, 1), width, 1))
+    winding = np.asarray(tree.winding(mu, points, width, 1e-6))
+    adjoint = np.asarray(tree.adjoint_at(charge, tree.lists(points, 1e-6), width))
     assert charge @ winding == pytest.approx(-(adjoint * mu).sum(), rel=1e-4)
 
 
@@ -96,18 +96,18 @@ def test_kept_lists_give_the_same_sums(n):
     points, area, mu, charge, x = dipoles(n)
     width = np.random.default_rng(3).uniform(0.05, 0.2, len(x))
     tree = _kernels.WindingTree(points, area)
-    lists = tree.lists(x, 0.4, 2)
+    lists = tree.lists(x, 0.4)
     for _ in range(2):
         np.testing.assert_array_equal(
-            tree.winding_at(mu, lists, width, 2), tree.winding(mu, x, width, 0.4, 1)
+            tree.winding_at(mu, lists, width), tree.winding(mu, x, width, 0.4)
         )
         for kept, once in zip(
-            tree.gradient_at(mu, lists, width, 2), tree.gradient(mu, x, width, 0.4, 1), strict=True
+            tree.gradient_at(mu, lists, width), tree.gradient(mu, x, width, 0.4), strict=True
         ):
             np.testing.assert_array_equal(kept, once)
         np.testing.assert_array_equal(
-            tree.adjoint_at(charge, lists, width, 2),
-            tree.adjoint_at(charge, tree.lists(x, 0.4, 1), width, 1),
+            tree.adjoint_at(charge, lists, width),
+            tree.adjoint_at(charge, tree.lists(x, 0.4), width),
         )
 
 

@@ -71,7 +71,7 @@ for _ in range(20):
     except MemoryError:
         limit(None)
     # Threads have ended, and the next call works.
-    assert np.asarray(tree.query(points, 2, np.inf, 4)[1])[:, 0].tolist() == list(range(3000))
+    assert np.asarray(tree.query(points, 2, np.inf)[1])[:, 0].tolist() == list(range(3000))
 """
 
 

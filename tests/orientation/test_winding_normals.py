@@ -88,7 +88,7 @@ def test_representatives_of_a_thick_layer_are_some_of_its_points():
     places, stands = representatives(points, 9.0)
     assert len(places) == len(representatives(points, 0.0)[0])
     # In the same order, evenly spread.
-    rows = KdTree(points, 1).query(places, 1, np.inf, 1)[1][:, 0]
+    rows = KdTree(points, 1).query(places, 1, np.inf)[1][:, 0]
     np.testing.assert_array_equal(points[rows], places)
     assert np.ptp(np.diff(rows)) <= 1
     assert np.abs(rows[stands] - np.arange(len(points))).max() <= np.diff(rows).max()

@@ -115,7 +115,7 @@ def blurred_box(stretch=1.0):
     """A box, the tree over it, and rules fitted with normals that are blurred across its edges."""
     shape = box(6000)
     points, tree = np.ascontiguousarray(shape.points), KdTree(shape.points, 1)
-    blurred = shape.normals[tree.query(points, 12, np.inf, 1)[1]].mean(axis=1)
+    blurred = shape.normals[tree.query(points, 12, np.inf)[1]].mean(axis=1)
     blurred /= np.linalg.norm(blurred, axis=1, keepdims=True)
     centers, size, noise = points[::20], np.full(300, 24), np.zeros(300)
     sides = shape.normals[::20]

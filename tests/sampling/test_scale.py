@@ -139,7 +139,7 @@ def test_a_sensor_does_not_widen_fits_beyond_what_the_user_allows(limits):
     size = np.full(len(held.places), SCALES[0])
     for scale, within in ((free, False), (held, True)):
         enough = scale.enough(size, held.places)
-        reach = tree.query(held.places, int(enough.max()), np.inf, 1)[0]
+        reach = tree.query(held.places, int(enough.max()), np.inf)[0]
         radius = reach[np.arange(len(reach)), enough - 1]
         fits = (enough <= limits.get("max_nn", np.inf)) & (radius <= limits.get("radius", np.inf))
         assert (fits | (enough == SCALES[0])).all() == within

@@ -82,7 +82,7 @@ def stages(cloud: Cloud) -> Iterator[tuple[str, float]]:
     quadrics = np.zeros_like(x)
     for k in np.unique(size):
         row = np.flatnonzero(size == k)
-        quadrics[row] = fit_scales(tree, x, x[row], np.array([k]), -1)[0][:, 0]
+        quadrics[row] = fit_scales(tree, x, x[row], np.array([k]))[0][:, 0]
     yield "quadric at the scale found", truth.error(quadrics)
 
     noise, spacing = float(np.median(scale.noise)), float(np.median(scale.spacing))
@@ -96,7 +96,7 @@ def stages(cloud: Cloud) -> Iterator[tuple[str, float]]:
         return fit_rules(tree, x, known, Neighborhoods(centers, facing, size, noise))
 
     rules = rules_with(same)
-    nearest = tree.query(rules.feet, 1, np.inf, -1)[1][:, 0]
+    nearest = tree.query(rules.feet, 1, np.inf)[1][:, 0]
     rules = rules.facing(sides[nearest])
     wide = replace(rules, noise=ANY * rules.radius, residual=np.zeros(len(rules)))
     yield "+ fuzzy c-means, blended by distance", truth.error(infer_normals(wide, x)[0])

@@ -76,7 +76,7 @@ def best_fit(cloud: Cloud) -> tuple[str, float]:
         row = np.random.default_rng(0).choice(len(row), PLACES, replace=False)
     places = np.ascontiguousarray(cloud.points[row])
     some = Cloud(places, cloud.normals[row], np.ones(len(row), bool))
-    normals = fit_scales(KdTree(cloud.points, -1), cloud.points, places, SIZES, -1)[0]
+    normals = fit_scales(KdTree(cloud.points, -1), cloud.points, places, SIZES)[0]
     errors = [some.error(normals[:, size]) for size in range(len(SIZES))]
     return str(SIZES[int(np.argmin(errors))]), min(errors)
 

@@ -53,7 +53,7 @@ def solids(rules: RuleBase, samples: Array) -> tuple[NDArray[np.bool_], NDArray[
     of_large, radius = solid[piece[large]], rules.radius[large]
 
     def of(x: Array) -> NDArray[np.bool_]:
-        distance, index = tree.query(x, 1, np.inf, thread_count())
+        distance, index = tree.query(x, 1, np.inf)
         return np.asarray(of_large[index[:, 0]] & (distance[:, 0] <= BESIDE * radius[index[:, 0]]))
 
     return of(rules.centers), of(samples)

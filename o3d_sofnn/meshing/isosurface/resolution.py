@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.geometry.vectors import longest_side
 from o3d_sofnn.rules.rule_base import RuleBase
-from o3d_sofnn.threads import thread_count
 
 SIDE = 1024
 """Number of cubes along the longest side that is always allowed, however few points a wide scene
@@ -86,9 +84,7 @@ def flat_edges(rules: RuleBase) -> NDArray[np.float64]:
     """
     around = min(AROUND, len(rules))
     normals = rules.normals
-    near = KdTree(rules.centers, thread_count()).query(
-        rules.centers, around, np.inf, thread_count()
-    )[1]
+    near = rules.center_tree.query(rules.centers, around, np.inf)[1]
     bent = np.einsum("rkd,rd->rk", normals[near], normals).min(axis=1) < BENT
     error = np.maximum(ACCURACY * rules.noise / np.sqrt(rules.n_neighbors), CLEAN * rules.radius)
     # A chord of this length deviates from an arc by that error.
@@ -165,11 +161,18 @@ def choose_voxel_size(
     float
         Edge in the unit of the points.
     """
-    least = np.maximum(SPACING * spacing, RESOLVED * rules.radius)
-    wanted = float(np.median(np.clip(flat, least, COARSER * least)))
+    wanted = float(np.median(typical_edges(spacing, rules.radius, flat)))
     side = longest_side(points)
     finest = side / max(SIDE, 1.25 * float(np.sqrt(len(points))))
     return min(max(wanted, finest), side / FEWEST)
+
+
+def typical_edges(
+    spacing: float, radius: NDArray[np.float64], flat: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the edges of cubes that suit rules, (r,), by their radius and flatness."""
+    least = np.maximum(SPACING * spacing, RESOLVED * radius)
+    return np.asarray(np.clip(flat, least, COARSER * least))
 
 
 def choose_levels(
@@ -204,8 +207,7 @@ def choose_levels(
         The cubes around a sample have an edge of ``finest * 2**level``.
     """
     size, most = sizes
-    nearest = KdTree(rules.centers, thread_count()).query(samples, 1, np.inf, thread_count())
-    fits = Fits.at(rules, flat, nearest[1][:, 0])
+    fits = Fits.at(rules, flat, rules.center_tree.query(samples, 1, np.inf)[1][:, 0])
     steps = steps_of(spacing, fits, size, most)
     finer = max(0, -int(steps.min()))
     return size / 2**finer, steps + finer

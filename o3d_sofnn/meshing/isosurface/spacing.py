@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree
-from o3d_sofnn.threads import thread_count
 
 AMONG = 24
 """Number of neighbours that determine the spacing at a point."""
@@ -56,7 +55,7 @@ def spacing_around(
     """
     few = 1 + len(points) // PLACES
     places = np.ascontiguousarray(points[few // 2 :: few])
-    distance, index = tree.query(places, min(AMONG, len(points)), np.inf, thread_count())
+    distance, index = tree.query(places, min(AMONG, len(points)), np.inf)
     k = distance.shape[1]
     step = points[index[:, 1:]] - places[:, None]
     next_ones = step[:, :ALONG] / np.maximum(distance[:, 1 : ALONG + 1, None], 1e-300)

@@ -13,14 +13,14 @@ void bind_geometry(nb::module_& m) {
       .def("__init__", [](KdTree* t, Points p, int threads) { new (t) KdTree(p.data(), p.shape(0), threads); },
            "points"_a, "n_threads"_a, nb::call_guard<nb::gil_scoped_release>())
       .def("query",
-           [](const KdTree& t, Points x, int64_t k, double max_distance, int threads) {
+           [](const KdTree& t, Points x, int64_t k, double max_distance) {
              const size_t n = x.shape(0);
              expect(k > 0 && k < kMostNeighbors, kNeighborsWanted);
              std::vector<double> dist(n * k, std::numeric_limits<double>::infinity());
              std::vector<int64_t> index(n * k, t.size());
              {
                nb::gil_scoped_release release;
-               parallel_for(n, 256, threads, [&](int64_t lo, int64_t hi) {
+               parallel_for(n, 256, t.threads(), [&](int64_t lo, int64_t hi) {
                  Search s;
                  for (int64_t i = lo; i < hi; ++i) {
                    t.nearest_sorted(load(x.data() + 3 * i), k, max_distance * max_distance, s);
@@ -31,22 +31,22 @@ void bind_geometry(nb::module_& m) {
              }
              return nb::make_tuple(array(std::move(dist), {n, (size_t)k}), array(std::move(index), {n, (size_t)k}));
            },
-           "x"_a, "k"_a, "max_distance"_a, "n_threads"_a)
+           "x"_a, "k"_a, "max_distance"_a)
       .def("crowded",
-           [](const KdTree& t, Points x, int64_t k, Doubles distance, int threads) {
+           [](const KdTree& t, Points x, int64_t k, Doubles distance) {
              const size_t n = x.shape(0);
              expect(distance.shape(0) == n, "distance: expected one for each row of x");
              std::vector<uint8_t> result(n);
              {
                nb::gil_scoped_release release;
-               parallel_for(n, 1024, threads, [&](int64_t lo, int64_t hi) {
+               parallel_for(n, 1024, t.threads(), [&](int64_t lo, int64_t hi) {
                  for (int64_t i = lo; i < hi; ++i)
                    result[i] = t.crowded(load(x.data() + 3 * i), k, distance.data()[i] * distance.data()[i]);
                });
              }
              return array(std::move(result), {n});
            },
-           "x"_a, "k"_a, "distance"_a, "n_threads"_a);
+           "x"_a, "k"_a, "distance"_a);
 
   m.def("sort_morton",
         [](Points p, int threads) {

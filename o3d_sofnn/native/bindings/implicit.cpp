@@ -11,7 +11,7 @@ using Terms = nb::ndarray<const double, nb::shape<-1, -1, 4>, nb::c_contig, nb::
 
 void bind_implicit(nb::module_& m) {
   m.def("reconstruct_units",
-        [](const KdTree& t, Points p, Points normals, const RuleView& rules, Ints neighbors, Ints own, Doubles tolerance, int threads) {
+        [](const KdTree& t, Points p, Points normals, const RuleView& rules, Ints neighbors, Ints own, Doubles tolerance) {
           const size_t n = rules.rules.size();
           expect((int64_t)p.shape(0) == t.size() && normals.shape(0) == p.shape(0), "points, normals: expected those of the tree");
           expect(neighbors.shape(0) == n && own.shape(0) == n && tolerance.shape(0) == n,
@@ -23,7 +23,7 @@ void bind_implicit(nb::module_& m) {
           std::vector<int64_t> terms(n);
           {
             nb::gil_scoped_release release;
-            parallel_for(n, 64, threads, [&](int64_t lo, int64_t hi) {
+            parallel_for(n, 64, t.threads(), [&](int64_t lo, int64_t hi) {
               Search near;
               std::vector<UnitPoint> unit;
               for (int64_t i = lo; i < hi; ++i) {
@@ -43,10 +43,10 @@ void bind_implicit(nb::module_& m) {
           }
           return nb::make_tuple(array(std::move(rbf), {n, (size_t)kTerms, 4}), array(std::move(terms), {n}), array(std::move(error), {n}), array(std::move(worst), {n, 3}));
         },
-        "tree"_a, "points"_a, "normals"_a, "rules"_a, "n_neighbors"_a, "n_own"_a, "tolerance"_a, "n_threads"_a);
+        "tree"_a, "points"_a, "normals"_a, "rules"_a, "n_neighbors"_a, "n_own"_a, "tolerance"_a);
 
   m.def("evaluate_field",
-        [](const RuleView& rules, Terms rbf, Ints terms, Points x, int64_t k, int threads) {
+        [](const RuleView& rules, Terms rbf, Ints terms, Points x, int64_t k) {
           const size_t n = x.shape(0), count = rules.rules.size();
           expect(rbf.shape(0) == count && terms.shape(0) == count && all_below(terms.data(), count, rbf.shape(1) + 1),
                  "terms: expected at most as many as rbf has, for each rule");
@@ -55,14 +55,14 @@ void bind_implicit(nb::module_& m) {
           {
             nb::gil_scoped_release release;
             const TermView local{rbf.data(), terms.data(), (int64_t)rbf.shape(1)};
-            parallel_for(n, 256, threads, [&](int64_t lo, int64_t hi) {
+            parallel_for(n, 256, rules.tree.threads(), [&](int64_t lo, int64_t hi) {
               FieldScratch s;
               evaluate_field(rules, local, x.data() + 3 * lo, hi - lo, k, s, &value[lo]);
             });
           }
           return array(std::move(value), {n});
         },
-        "rules"_a, "rbf"_a, "terms"_a, "x"_a, "k"_a, "n_threads"_a);
+        "rules"_a, "rbf"_a, "terms"_a, "x"_a, "k"_a);
 }
 
 }  // namespace sofnn

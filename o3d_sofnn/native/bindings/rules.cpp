@@ -31,15 +31,15 @@ void bind_rules(nb::module_& m) {
            "centers"_a, "frames"_a, "coefficients"_a, "radius"_a, "stretch"_a, "tolerance"_a, "quality"_a, "gates"_a.none(), "neurons"_a.none(), "n_threads"_a, nb::call_guard<nb::gil_scoped_release>());
 
   m.def("infer_normals",
-        [](const RuleView& rules, Points x, std::optional<Points> sides, int64_t k, int threads) {
+        [](const RuleView& rules, Points x, std::optional<Points> sides, int64_t k) {
           const size_t n = x.shape(0);
           expect(!sides || sides->shape(0) == n, "sides: expected one for each row of x");
           expect(k > 0 && k < kMostNeighbors, kNeighborsWanted);
           std::vector<double> normal(3 * n), agreement(n), residual(n);
           {
             nb::gil_scoped_release release;
-            const Places places(rules, x.data(), sides ? sides->data() : nullptr, n, k, threads);
-            parallel_for(n, 256, threads, [&](int64_t lo, int64_t hi) {
+            const Places places(rules, x.data(), sides ? sides->data() : nullptr, n, k, rules.tree.threads());
+            parallel_for(n, 256, rules.tree.threads(), [&](int64_t lo, int64_t hi) {
               InferenceScratch s;
               infer_runs(rules, places.x(lo), places.sides(lo), hi - lo, k, s,
                          [&](int64_t first) { run_normals(s, &normal[3 * (lo + first)], &agreement[lo + first], &residual[lo + first]); });
@@ -49,18 +49,18 @@ void bind_rules(nb::module_& m) {
           }
           return nb::make_tuple(array(std::move(normal), {n, 3}), array(std::move(agreement), {n}), array(std::move(residual), {n}));
         },
-        "rules"_a, "x"_a, "sides"_a.none(), "k"_a, "n_threads"_a);
+        "rules"_a, "x"_a, "sides"_a.none(), "k"_a);
 
   m.def("consequent_errors",
-        [](const RuleView& rules, Points x, int64_t k, int threads) {
+        [](const RuleView& rules, Points x, int64_t k) {
           const size_t n = x.shape(0), count = rules.rules.size();
           expect(k > 0 && k < kMostNeighbors, kNeighborsWanted);
           std::vector<double> error(count, 0.0), share(count, 0.0);
           {
             nb::gil_scoped_release release;
-            const Places places(rules, x.data(), nullptr, n, k, threads);
+            const Places places(rules, x.data(), nullptr, n, k, rules.tree.threads());
             std::vector<std::vector<RuleError>> parts((n + kErrorChunk - 1) / kErrorChunk);
-            parallel_for(n, kErrorChunk, threads, [&](int64_t lo, int64_t hi) {
+            parallel_for(n, kErrorChunk, rules.tree.threads(), [&](int64_t lo, int64_t hi) {
               InferenceScratch s;
               infer_runs(rules, places.x(lo), nullptr, hi - lo, k, s, [&](int64_t) { run_errors(s, parts[lo / kErrorChunk]); });
             });
@@ -69,7 +69,7 @@ void bind_rules(nb::module_& m) {
           }
           return nb::make_tuple(array(std::move(error), {count}), array(std::move(share), {count}));
         },
-        "rules"_a, "x"_a, "k"_a, "n_threads"_a);
+        "rules"_a, "x"_a, "k"_a);
 }
 
 }  // namespace sofnn

@@ -12,14 +12,14 @@ using namespace nb::literals;
 
 void bind_sampling(nb::module_& m) {
   m.def("fit_scales",
-        [](const KdTree& t, Points p, Points centers, Ints scales, int threads) {
+        [](const KdTree& t, Points p, Points centers, Ints scales) {
           const size_t n = centers.shape(0), ns = scales.shape(0);
           expect((int64_t)p.shape(0) == t.size(), "points: expected those of the tree");
           expect(ascending(scales, 1, kMostNeighbors, 0), "scales: expected ascending numbers from 1");
           std::vector<double> normal(n * ns * 3), residual(n * ns), radius(n * ns), variation(n * ns);
           {
             nb::gil_scoped_release release;
-            parallel_for(n, 16, threads, [&](int64_t lo, int64_t hi) {
+            parallel_for(n, 16, t.threads(), [&](int64_t lo, int64_t hi) {
               FitScratch s;
               for (int64_t i = lo; i < hi; ++i)
                 fit_scales(t, p.data(), load(centers.data() + 3 * i), scales.data(), ns, s, [&](size_t j, const LocalFit& f) {
@@ -32,11 +32,11 @@ void bind_sampling(nb::module_& m) {
           return nb::make_tuple(array(std::move(normal), {n, ns, 3}), array(std::move(residual), {n, ns}),
                                 array(std::move(radius), {n, ns}), array(std::move(variation), {n, ns}));
         },
-        "tree"_a, "points"_a, "centers"_a, "scales"_a, "n_threads"_a);
+        "tree"_a, "points"_a, "centers"_a, "scales"_a);
 
   m.def("fit_quadrics",
         [](const KdTree& t, Points p, Points centers, Ints neighbors, Doubles robust, int iterations,
-           std::optional<Points> normals, std::optional<Points> sides, std::optional<Points> across, Doubles stretch, int threads) {
+           std::optional<Points> normals, std::optional<Points> sides, std::optional<Points> across, Doubles stretch) {
           const size_t n = centers.shape(0), np = t.size();
           expect(p.shape(0) == np && (!normals || normals->shape(0) == np), "points, normals: expected those of the tree");
           expect(neighbors.shape(0) == n && robust.shape(0) == n && stretch.shape(0) == n && (!sides || sides->shape(0) == n) &&
@@ -47,7 +47,7 @@ void bind_sampling(nb::module_& m) {
           {
             nb::gil_scoped_release release;
             const FitData data{t, p.data(), normals ? normals->data() : nullptr};
-            parallel_for(n, 64, threads, [&](int64_t lo, int64_t hi) {
+            parallel_for(n, 64, t.threads(), [&](int64_t lo, int64_t hi) {
               FitScratch s;
               for (int64_t i = lo; i < hi; ++i) {
                 const FitRequest wanted{load(centers.data() + 3 * i), sides ? sides->data() + 3 * i : nullptr,
@@ -64,7 +64,7 @@ void bind_sampling(nb::module_& m) {
                                 array(std::move(residual), {n}), array(std::move(radius), {n}), array(std::move(support), {n}));
         },
         "tree"_a, "points"_a, "centers"_a, "n_neighbors"_a, "robust"_a, "iterations"_a, "normals"_a.none(), "sides"_a.none(),
-        "across"_a.none(), "stretch"_a, "n_threads"_a);
+        "across"_a.none(), "stretch"_a);
 
   m.def("typical_data",
         [](Points p, Ints offsets, Ints clusters, int iterations, double tolerance, int threads) {

@@ -14,7 +14,7 @@ namespace sofnn {
 
 class KdTree {
  public:
-  KdTree(const double* points, int64_t n, int threads) : n_(n), index_(n) {
+  KdTree(const double* points, int64_t n, int threads) : n_(n), threads_(threads), index_(n) {
     while ((n_ >> depth_) > kLeaf) ++depth_;
     std::iota(index_.begin(), index_.end(), int64_t{0});
     for (int level = 0; level < depth_; ++level)
@@ -32,6 +32,7 @@ class KdTree {
   }
 
   int64_t size() const { return n_; }
+  int threads() const { return threads_; }  // that searches may start, too
 
   // The k nearest points of x within max_sq, in no order.
   void nearest(Vec3 x, int64_t k, double max_sq, Search& s) const { search(*this, x, k, max_sq, s); }
@@ -88,6 +89,7 @@ class KdTree {
     double low[3], high[3];
   };
   int64_t n_;
+  int threads_;
   int depth_ = 0;
   std::vector<double> x_, y_, z_;
   std::vector<int64_t> index_;

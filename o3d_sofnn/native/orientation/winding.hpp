@@ -29,7 +29,7 @@ struct WindingLists {
 class WindingTree {
  public:
   // points (n, 3), area: share of a point in its node's centre.
-  WindingTree(const double* points, const double* area, int64_t n, int threads) : n_(n), blocks_((n + kRun - 1) / kRun), index_(n) {
+  WindingTree(const double* points, const double* area, int64_t n, int threads) : n_(n), threads_(threads), blocks_((n + kRun - 1) / kRun), index_(n) {
     while ((int64_t{1} << depth_) < blocks_) ++depth_;
     nodes_ = (int64_t{2} << depth_) - 1;
     std::iota(index_.begin(), index_.end(), int64_t{0});
@@ -66,6 +66,7 @@ class WindingTree {
   }
 
   int64_t size() const { return n_; }
+  int threads() const { return threads_; }  // that sums may start, too
 
   // Order in which consecutive points lie close together.
   const std::vector<int64_t>& order() const { return index_; }
@@ -111,7 +112,9 @@ class WindingTree {
  private:
   static constexpr int64_t kRuns = 16, kChunk = 4096;  // runs and points handed to a thread at once
   // A leaf is a block of kRun points or empty: own points in order() are places whose runs are leaves.
-  int64_t n_, blocks_, nodes_ = 0;
+  int64_t n_;
+  int threads_;
+  int64_t blocks_, nodes_ = 0;
   int depth_ = 0;
   Vec3 origin_{0, 0, 0};
   std::vector<int64_t> index_;

@@ -94,7 +94,7 @@ class Scale:
 
     def at(self, x: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return the index of the pilot nearest to each row of `x`."""
-        return np.asarray(self.tree.query(x, 1, np.inf, thread_count())[1][:, 0])
+        return np.asarray(self.tree.query(x, 1, np.inf)[1][:, 0])
 
     def enough(self, n_neighbors: NDArray[np.int64], x: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return sizes, (n,), of neighbourhoods around `x`, raised to :attr:`least` there."""
@@ -138,11 +138,11 @@ def choose_scale(
     rows = np.linspace(0, n - 1, min(n, PILOTS)).astype(np.int64)
     pilots = points[rows]
     pilot_tree = KdTree(pilots, thread_count())
-    region = pilot_tree.query(pilots, min(REGION, len(pilots)), np.inf, thread_count())[1]
+    region = pilot_tree.query(pilots, min(REGION, len(pilots)), np.inf)[1]
     normals = np.empty((len(pilots), 0, 3))
     rms, radii = np.empty((2, len(pilots), 0))
     for some in (sizes[:FEW], sizes[FEW:]):
-        fits = fit_scales(tree, points, pilots, some, thread_count())
+        fits = fit_scales(tree, points, pilots, some)
         normals, rms, radii = (
             np.concatenate([known, more], axis=1)
             for known, more in zip((normals, rms, radii), fits[:3], strict=True)

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.sampling.local_fit import Neighborhoods, fit_quadrics, sides_around
 from o3d_sofnn.sampling.scales.choice import REGION, Limits, Scale, sizes_to_try, within
-from o3d_sofnn.threads import thread_count
 
 HEIGHTS = 4.0
 """Weight of a height difference, divided by the radius of a medium-sized fit, relative to one in
@@ -55,7 +54,7 @@ def refine_scale(
     """
     sizes = sizes_to_try(len(points), limits.max_nn)
     places = scale.places
-    nearest = tree.query(places, 1, np.inf, thread_count())[1][:, 0]
+    nearest = tree.query(places, 1, np.inf)[1][:, 0]
     facing = sides_around(places, sides[nearest], sides, tree)
     fits = [
         fit_quadrics(
@@ -74,7 +73,7 @@ def refine_scale(
     cosine = np.einsum("psd,psd->ps", normals[:, :-2], normals[:, 2:])
     angle = np.arccos(np.clip(cosine, -1.0, 1.0))
     difference = angle + HEIGHTS * np.abs(height[:, :-2] - height[:, 2:]) / unit
-    region = scale.tree.query(places, min(REGION, len(places)), np.inf, thread_count())[1]
+    region = scale.tree.query(places, min(REGION, len(places)), np.inf)[1]
     same = np.einsum("pkd,pd->pk", facing[region], facing) > 0.0
     regional = np.einsum("pk,pks->ps", same, difference[region]) / same.sum(axis=1)[:, None]
     chosen = (regional + 0.25 * difference.mean(axis=0)).argmin(axis=1)

@@ -50,7 +50,7 @@ def test_cubes_beside_edges_are_finer(cube):
         points, np.full(len(points), spacing), rules, flat, (size, np.inf)
     )
     assert finest <= 0.8 * spacing < size <= 1.6 * spacing
-    near = KdTree(rules.centers, 1).query(points, 1, np.inf, 1)[1][:, 0]
+    near = KdTree(rules.centers, 1).query(points, 1, np.inf)[1][:, 0]
     assert levels[flat[near] == 0.0].max() < levels[flat[near] > 2.0 * size].min()
 
 
