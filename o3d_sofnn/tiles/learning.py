@@ -241,7 +241,7 @@ def run_of(figures: Sequence[Figures], sides: Representatives, options: Options)
     else:
         size, lattice = _walls(voxel, 0)
     wall = min(MARGIN * size, max(BEYOND * side, LEAST * size))
-    return Run(lattice, sides.level(), noise, low - wall, high + wall)
+    return Run(lattice, sides.level, noise, low - wall, high + wall)
 
 
 def _walls(size: float, finer: int) -> tuple[float, Lattice]:

@@ -24,7 +24,7 @@ from o3d_sofnn.tiles.memory import check_memory
 from o3d_sofnn.tiles.mesh import TileMesh, mesh_tile, nothing
 from o3d_sofnn.tiles.patch import Patch, Samples, joined
 from o3d_sofnn.tiles.plan import Tile, earlier
-from o3d_sofnn.tiles.sides import THINNED, Survey, survey
+from o3d_sofnn.tiles.sides import MOST, thinned
 from o3d_sofnn.tiles.store import Receipt, load_arrays, load_object, save_arrays, save_object
 
 Array = NDArray[np.float64]
@@ -90,18 +90,10 @@ def task(work: Callable[[Job, int], Receipt], job: Path, number: int) -> Receipt
 
 
 def survey_task(job: Job, number: int) -> Receipt:
-    """Represent the points of a tile."""
-    tile = job.tiles[number]
-    points = job.with_rim(number)
-    check_memory(len(points), tile.number)
-    share = min(1.0, THINNED / sum(each.count for each in job.tiles))
-    own = tile.holds(points)
-    try:
-        found = survey(points, own, share, job.options)
-    except ValueError:  # too few points, or on a line
-        nothing = np.zeros(0)
-        found = Survey(np.zeros((0, 3)), nothing, nothing, points[own][:0])
-    return save_arrays(job.folder, name_of("surveys", number), vars(found))
+    """Choose some points of a tile."""
+    share = min(1.0, MOST / sum(each.count for each in job.tiles))
+    some = thinned(job.points(job.tiles[number]), share)
+    return save_arrays(job.folder, name_of("surveys", number), {"points": some})
 
 
 def learn_task(job: Job, number: int) -> Receipt:
@@ -225,7 +217,6 @@ def finished(job: Job, number: int) -> Finished:
     return Finished(**load_arrays(job.folder, name_of("finished", number)))
 
 
-def surveys_of(job: Job, numbers: Sequence[int]) -> list[Survey]:
-    """Return what tiles have sent before the sides are known."""
-    found: list[Any] = [load_arrays(job.folder, name_of("surveys", each)) for each in numbers]
-    return [Survey(**each) for each in found]
+def surveys_of(job: Job, numbers: Sequence[int]) -> list[Array]:
+    """Return the points that tiles have sent."""
+    return [load_arrays(job.folder, name_of("surveys", each))["points"] for each in numbers]
