@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse
@@ -22,7 +22,9 @@ from o3d_sofnn.meshing.borders.trimming import cut, smoothed
 from o3d_sofnn.meshing.mesh import FAR
 from o3d_sofnn.options import Options
 from o3d_sofnn.threads import thread_count
-from o3d_sofnn.tiles.mesh import TileMesh
+
+if TYPE_CHECKING:
+    from o3d_sofnn.tiles.mesh import TileMesh
 
 Array = NDArray[np.float64]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +11,11 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import marching_cubes
 from o3d_sofnn.meshing.isosurface.extraction import BLOCK as QUERIES
 from o3d_sofnn.meshing.isosurface.marching_cubes import EDGE_ENDS, NUDGES, both_tables
-from o3d_sofnn.tiles.blocks import Blocks, Run
 from o3d_sofnn.tiles.lattice import MARGIN, Box, Keys, Leaves, corners
-from o3d_sofnn.tiles.patch import Patch
+
+if TYPE_CHECKING:
+    from o3d_sofnn.tiles.blocks import Blocks, Run
+    from o3d_sofnn.tiles.patch import Patch
 
 Array = NDArray[np.float64]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,9 @@ from o3d_sofnn.tiles.blocks import Run
 from o3d_sofnn.tiles.lattice import Lattice
 from o3d_sofnn.tiles.patch import Patch, Samples, rows_of
 from o3d_sofnn.tiles.plan import Tile
-from o3d_sofnn.tiles.sides import Representatives
+
+if TYPE_CHECKING:
+    from o3d_sofnn.tiles.sides import Representatives
 
 Array = NDArray[np.float64]
 

@@ -107,7 +107,7 @@ def mesh_tile(run: Run, own: Box, patch: Patch, dipoles: Dipoles) -> tuple[TileM
     solid = patch.samples.solid
     sample = implicit.nearest(opened, 1)[1][:, 0]
     judge = Judge(implicit, solid, spacing, True)
-    distance, beyond = judge.distances(opened, facing, sample, solid[sample])
+    distance, beyond = judge.distances(opened, facing, ~solid, solid[sample])
     near = np.flatnonzero(confidence[source] > 0.0)
     facing[near] = infer_normals(patch.rules, np.ascontiguousarray(opened[near]))[0]
     rows, triangles = _compact(triangles[own_ones], seam, len(opened))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn.tiles.lattice import Box, Lattice
+from o3d_sofnn.tiles.lattice import BLOCK, Box, Lattice
 
 Array = NDArray[np.float64]
 
@@ -28,8 +28,20 @@ RIM = 32.0
 """Width of the rim of points around a tile with which it is learned, divided by the spacing."""
 
 
-OUTSIDE = 64.0
-"""Width of space below the first cells of the run, in counting cells, that belongs to its tiles."""
+class Cloud:
+    """Points that are read part by part, as often as needed, in the same order."""
+
+    def chunks(self) -> Iterator[Array]:
+        """Yield arrays, (n, 3) float64, of finite points."""
+        raise NotImplementedError
+
+    def box(self) -> tuple[Array, Array]:
+        """Return the lowest and highest coordinates."""
+        parts = [(x.min(axis=0), x.max(axis=0)) for x in self.chunks() if len(x)]
+        if not parts:
+            raise ValueError("inputs: expected points, got none")
+        low, high = zip(*parts, strict=True)
+        return np.min(low, axis=0), np.max(high, axis=0)
 
 
 @dataclass(frozen=True)
@@ -62,14 +74,14 @@ class Tile:
         """Return whether points, (n, 3), are in the tile or in its rim."""
         return np.asarray(((x >= self.low - self.rim) & (x < self.high + self.rim)).all(axis=1))
 
-    @property
-    def box(self) -> tuple[Array, Array]:
-        """The part of space whose surface is its own: to beyond the first cells of the run."""
-        return np.where(self.low == 0.0, -OUTSIDE, self.low), self.high
-
     def meshed(self, lattice: Lattice) -> Box:
-        """Return the cubes whose surface is its own."""
-        return lattice.box(*self.box)
+        """Return the cubes whose surface is its own.
+
+        They are whole blocks. Those below the first cells of the run, into which the surface may
+        reach, belong to the first tiles.
+        """
+        box = lattice.box(self.low, self.high)
+        return Box(np.where(self.low == 0.0, box.low - BLOCK, box.low), box.high)
 
     def touches(self, low: Array, high: Array) -> bool:
         """Return whether a closed box and the closed tile have a place in common."""

@@ -112,7 +112,9 @@ class Judge:
         facing = np.asarray(vertex_normals(vertices, triangles))
         sample = self._field.nearest(vertices, 1)[1][:, 0]
         any_side = self._mostly_solid(sample, component)[component]
-        distance, beyond = self.distances(vertices, facing, sample, any_side)
+        sided = np.zeros(len(self._spacing), bool)
+        sided[sample[~any_side]] = True
+        distance, beyond = self.distances(vertices, facing, sided, any_side)
         patches = Patches(vertices, triangles, beyond > EDGE)
         sums = Sums.of(
             patches,
@@ -129,7 +131,7 @@ class Judge:
         return beyond, described(keep, without, self._closes)
 
     def distances(
-        self, vertices: Array, facing: Array, sample: NDArray[np.int64], any_side: NDArray[np.bool_]
+        self, vertices: Array, facing: Array, sided: NDArray[np.bool_], any_side: NDArray[np.bool_]
     ) -> tuple[Array, Array]:
         """Return distances to samples that face the same way, and relative to their spacing.
 
@@ -137,18 +139,17 @@ class Judge:
         ----------
         vertices, facing : (m, 3) float64
             Vertices and their unit normals.
-        sample : (m,) int64
-            The sample nearest to each.
+        sided : (n,) bool
+            Samples that count for one side only: the one that they face, if the mesh faces it
+            somewhere.
         any_side : (m,) bool
-            Vertices for which samples count whichever way they face; so do samples whose side the
-            mesh faces nowhere.
+            Vertices for which samples count whichever way they face.
 
         Returns
         -------
         distance, beyond : (m,) float64
         """
-        faced = np.zeros(len(self._spacing), bool)
-        faced[sample[~any_side]] = True
+        faced = sided.copy()
         faced[faced] = self._faced(vertices, facing, np.flatnonzero(faced))
         distance, beyond = np.full(len(vertices), np.inf), np.full(len(vertices), np.inf)
         for start in range(0, len(vertices), BLOCK):

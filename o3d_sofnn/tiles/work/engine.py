@@ -6,14 +6,16 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from o3d_sofnn.tiles.store import Manifest, Receipt
-from o3d_sofnn.tiles.tasks import Job, task
+from o3d_sofnn.tiles.work.store import Receipt
 
 RETRIES = 3
 """How often the tasks of workers that died are given to others."""
+
+
+PATIENCE = 20.0
+"""Seconds in which a scheduler must answer."""
 
 
 @dataclass
@@ -26,15 +28,18 @@ class Engine:
         Any executor of :mod:`concurrent.futures`; functions and arguments are pickled.
     renew : callable or None
         Makes another executor when a worker of a process pool has died, which breaks the pool.
+    workers : int
+        Number of workers on this machine, among which its cores and memory are divided; 0 for
+        others.
     """
 
     executor: Executor
     renew: Callable[[], Executor] | None = None
+    workers: int = 0
 
     def run(
         self,
-        work: Callable[[Job, int], Receipt],
-        job: Path,
+        work: Callable[[int], Receipt],
         numbers: Sequence[int],
         done: Callable[[Receipt], None],
     ) -> None:
@@ -49,7 +54,7 @@ class Engine:
         left, tries = list(numbers), 0
         while left:
             try:
-                left = self._once(work, job, left, done)
+                left = self._once(work, left, done)
                 if not left:
                     return
             except BrokenExecutor:
@@ -62,14 +67,13 @@ class Engine:
 
     def _once(
         self,
-        work: Callable[[Job, int], Receipt],
-        job: Path,
+        work: Callable[[int], Receipt],
         numbers: Sequence[int],
         done: Callable[[Receipt], None],
     ) -> list[int]:
         self._finished: set[int] = set()
         futures: dict[Future[Receipt], int] = {
-            self.executor.submit(task, work, job, number): number for number in numbers
+            self.executor.submit(work, number): number for number in numbers
         }
         failure: BaseException | None = None
         try:
@@ -93,16 +97,11 @@ class Engine:
         return []
 
 
-def missing(manifest: Manifest, names: dict[int, str]) -> list[int]:
-    """Return the tiles whose files are not finished yet."""
-    return [number for number, name in names.items() if name not in manifest]
-
-
 @contextmanager
 def engine_of(
     workers: int | None, scheduler: str | None, executor: Executor | None
-) -> Iterator[tuple[Engine, int]]:
-    """Provide an engine, and the number of its workers on this machine (0 for others).
+) -> Iterator[Engine]:
+    """Provide an engine.
 
     Parameters
     ----------
@@ -114,11 +113,11 @@ def engine_of(
         Any executor; it is not shut down.
     """
     if executor is not None:
-        yield Engine(executor), 0
+        yield Engine(executor)
     elif scheduler is not None:
         client = _client(scheduler)
         try:
-            yield Engine(client.get_executor(pure=False, retries=RETRIES)), 0
+            yield Engine(client.get_executor(pure=False, retries=RETRIES))
         finally:
             client.close()
     else:
@@ -127,9 +126,9 @@ def engine_of(
         def make() -> Executor:
             return ProcessPoolExecutor(count, mp_context=_spawning())
 
-        engine = Engine(make(), make)
+        engine = Engine(make(), make, count)
         try:
-            yield engine, count
+            yield engine
         finally:
             engine.executor.shutdown(wait=True, cancel_futures=True)
 
@@ -149,6 +148,6 @@ def _client(address: str) -> Any:
             'a scheduler needs Dask; type: pip install "dask[distributed]"'
         ) from error
     try:
-        return Client(address, timeout="20s")  # type: ignore[no-untyped-call]
+        return Client(address, timeout=PATIENCE)  # type: ignore[no-untyped-call]
     except (OSError, TimeoutError, ValueError) as error:
         raise ValueError(f"scheduler: no answer from {address}: {error}") from error

@@ -20,12 +20,12 @@ from o3d_sofnn.tiles.borders import Finished, Seam, finish, owned, settled
 from o3d_sofnn.tiles.dipoles import Dipoles, dipoles_of
 from o3d_sofnn.tiles.lattice import BLOCK, GATHERED
 from o3d_sofnn.tiles.learning import Figures, Taught, learn_tile
-from o3d_sofnn.tiles.memory import check_memory
 from o3d_sofnn.tiles.mesh import TileMesh, mesh_tile, nothing
 from o3d_sofnn.tiles.patch import Patch, Samples, joined
 from o3d_sofnn.tiles.plan import Tile, earlier
 from o3d_sofnn.tiles.sides import MOST, thinned
-from o3d_sofnn.tiles.store import Receipt, load_arrays, load_object, save_arrays, save_object
+from o3d_sofnn.tiles.work.memory import check_memory
+from o3d_sofnn.tiles.work.store import Receipt, load_arrays, load_object, save_arrays, save_object
 
 Array = NDArray[np.float64]
 

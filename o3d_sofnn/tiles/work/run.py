@@ -4,31 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from o3d_sofnn.options import Options
 from o3d_sofnn.progress import ProgressCallback
-from o3d_sofnn.threads import using_threads
+from o3d_sofnn.threads import thread_count, using_threads
 from o3d_sofnn.tiles.borders import Decision, decide, links_of
-from o3d_sofnn.tiles.engine import Engine
 from o3d_sofnn.tiles.learning import run_of
-from o3d_sofnn.tiles.memory import check_memory
-from o3d_sofnn.tiles.plan import Counts, Tile, earlier, plan
+from o3d_sofnn.tiles.plan import Cloud, Counts, Tile, earlier, plan
 from o3d_sofnn.tiles.sides import orient
-from o3d_sofnn.tiles.stitch import Whole, kept_pieces, stitched, write_ply
-from o3d_sofnn.tiles.store import (
+from o3d_sofnn.tiles.work.memory import check_memory
+from o3d_sofnn.tiles.work.stitch import Whole, kept_pieces, stitched, write_ply
+from o3d_sofnn.tiles.work.store import (
     Manifest,
     Receipt,
     load_object,
-    receipt,
     save_arrays,
     save_object,
 )
-from o3d_sofnn.tiles.tasks import (
+from o3d_sofnn.tiles.work.tasks import (
     Job,
     dipole_task,
     figures_of,
@@ -41,29 +40,17 @@ from o3d_sofnn.tiles.tasks import (
     seam_of,
     survey_task,
     surveys_of,
+    task,
 )
+
+if TYPE_CHECKING:
+    from o3d_sofnn.tiles.work.engine import Engine
 
 Array = NDArray[np.float64]
 
 
 STAGES = {"read": 0.05, "survey": 0.12, "learn": 0.55, "dipoles": 0.57, "mesh": 0.93, "finish": 1.0}
 """Fraction of the work that is done after each stage."""
-
-
-class Cloud:
-    """Points that are read part by part, as often as needed, in the same order."""
-
-    def chunks(self) -> Any:
-        """Yield arrays, (n, 3) float64, of finite points."""
-        raise NotImplementedError
-
-    def box(self) -> tuple[Array, Array]:
-        """Return the lowest and highest coordinates."""
-        parts = [(x.min(axis=0), x.max(axis=0)) for x in self.chunks() if len(x)]
-        if not parts:
-            raise ValueError("inputs: expected points, got none")
-        low, high = zip(*parts, strict=True)
-        return np.min(low, axis=0), np.max(high, axis=0)
 
 
 @dataclass(frozen=True)
@@ -101,7 +88,6 @@ def run_tiles(
     *,
     points_per_tile: int,
     identity: Mapping[str, Any],
-    workers: int = 0,
     progress: ProgressCallback | None = None,
 ) -> Reached:
     """Reconstruct a surface tile by tile.
@@ -138,10 +124,13 @@ def run_tiles(
     else:
         origin, edge, tiles = _planned(cloud, points_per_tile)
         manifest.add(save_object(folder, "plan.pickle", (origin, edge, tiles)))
-    job = Job(folder, tuple(tiles), _inside(options, origin, edge), options.n_threads)
+    threads = options.n_threads
+    if threads < 0 and engine.workers > 1:
+        threads = max(1, thread_count() // engine.workers)
+    job = Job(folder, tuple(tiles), _inside(options, origin, edge), threads)
     largest = max(tiles, key=lambda tile: tile.count)
-    check_memory(largest.count, largest.number, max(workers, 1))
-    if "points.json" not in manifest:
+    check_memory(largest.count, largest.number, max(engine.workers, 1))
+    if "points.npz" not in manifest:
         manifest.add(_distribute(cloud, job, origin, edge))
     save_object(folder, "job.pickle", job)
     filled = [tile.number for tile in tiles if tile.count]
@@ -218,7 +207,8 @@ class _Stages:
             self.tell(start + (STAGES[stage] - start) * share, f"{stage} {count}/{len(numbers)}")
 
         self.tell(start, f"{stage} {count}/{len(numbers)}")
-        self._engine.run(work, self._manifest.folder / "job.pickle", left, done)
+        path = self._manifest.folder / "job.pickle"
+        self._engine.run(partial(task, work, path), left, done)
 
 
 def _planned(cloud: Cloud, points_per_tile: int) -> tuple[Array, float, list[Tile]]:
@@ -248,14 +238,8 @@ def _distribute(cloud: Cloud, job: Job, origin: Array, edge: float) -> Receipt:
                     error.filename = str(path)
                     raise
             left = left[~own]
-    return save_arrays_of_counts(job)
-
-
-def save_arrays_of_counts(job: Job) -> Receipt:
-    """Note that all points are there."""
     counts = np.array([tile.count for tile in job.tiles])
-    save_arrays(job.folder, "points.json", {"counts": counts})
-    return receipt(job.folder, "points.json")
+    return save_arrays(job.folder, "points.npz", {"counts": counts})
 
 
 def _evidence(sides: Any, job: Job) -> dict[str, Any]:
