@@ -85,6 +85,55 @@ class Dipoles:
         return Dipoles(**{name: value[mask] for name, value in vars(self).items()})
 
 
+FEW = 64
+"""Number of cells in a level from which on the levels of a tile are seen from afar."""
+
+
+@dataclass(frozen=True)
+class Coarse:
+    """The coarse levels of the dipoles of a tile, and where they suffice.
+
+    Attributes
+    ----------
+    number : int
+        The tile.
+    dipoles : Dipoles
+        Levels of at most `FEW` cells.
+    low, high : (3,) int64
+        Box of all cells, in finest cells of the lattice.
+    edge : int
+        Edge of the cells of the finest of these levels; 0 if there are no finer ones.
+    """
+
+    number: int
+    dipoles: Dipoles
+    low: Keys
+    high: Keys
+    edge: int
+
+    @classmethod
+    def of(cls, number: int, dipoles: Dipoles) -> Coarse:
+        """Return the coarse levels of all dipoles of a tile."""
+        count = np.bincount(dipoles.level, minlength=1)
+        first = int(np.argmax(count <= FEW))
+        edge = (CELL << dipoles.level)[:, None]
+        low, high = (dipoles.cells * edge), (dipoles.cells + 1) * edge
+        finest = dipoles.level == 0
+        none = np.zeros(3, np.int64)
+        return cls(
+            number,
+            dipoles._rows(dipoles.level >= first),
+            low[finest].min(axis=0) if finest.any() else none,
+            high[finest].max(axis=0) if finest.any() else none,
+            CELL << first if first else 0,
+        )
+
+    def suffices(self, box: Box) -> bool:
+        """Return whether all blocks in a box see nothing finer: no finer cell has a near parent."""
+        apart = int(np.maximum(box.low - self.high, self.low - box.high).max())
+        return not self.edge or apart >= APART * self.edge
+
+
 def dipoles_of(lattice: Lattice, places: Array, areas: Array, normals: Array) -> Dipoles:
     """Sum samples in cells of the lattice.
 

@@ -147,14 +147,12 @@ def plan(counts: Counts, points_per_tile: int) -> list[Tile]:
     list of Tile
         Tiles that fill the box, in the order of their corners; some may have no points.
     """
-    found: list[tuple[Index, int, int]] = []
-    corner = np.zeros(3, np.int64)
-    waiting = [(corner, DEPTH + 1, np.arange(len(counts.cells)))]
+    found: list[tuple[Index, int, Index]] = []
+    waiting = [(np.zeros(3, np.int64), DEPTH + 1, np.arange(len(counts.cells)))]
     while waiting:
         corner, level, rows = waiting.pop()
-        total = int(counts.count[rows].sum())
-        if total <= points_per_tile or level == 0:
-            found.append((corner, level, total))
+        if int(counts.count[rows].sum()) <= points_per_tile or level == 0:
+            found.append((corner, level, rows))
             continue
         half = 1 << level - 1
         octant = (counts.cells[rows] - corner >= half) @ np.array([1, 2, 4])
@@ -167,27 +165,65 @@ def plan(counts: Counts, points_per_tile: int) -> list[Tile]:
             number,
             corner.astype(np.float64),
             (corner + (1 << level)).astype(np.float64),
-            total,
-            RIM * spacing_in(counts, corner, 1 << level),
+            int(counts.count[rows].sum()),
+            RIM * spacing_in(counts.cells[rows], counts.count[rows], 1 << level),
         )
-        for number, (corner, level, total) in enumerate(found)
+        for number, (corner, level, rows) in enumerate(found)
     ]
 
 
-def spacing_in(counts: Counts, corner: Index, edge: int) -> float:
-    """Estimate the spacing of the points in a tile from how they fill cells, in cells."""
-    inside = ((counts.cells >= corner) & (counts.cells < corner + edge)).all(axis=1)
-    cells, count = counts.cells[inside], counts.count[inside]
+def spacing_in(cells: Index, count: Index, edge: int) -> float:
+    """Estimate the spacing of the points in a tile from how they fill cells, in cells.
+
+    Parameters
+    ----------
+    cells : (c, 3) int64
+        Counting cells with points.
+    count : (c,) int64
+        Number of points in each.
+    edge : int
+        Edge of the tile, in cells.
+    """
     total, width = int(count.sum()), 1
     if not total:
         return 0.0
-    while width < edge:
-        occupied = len(np.unique(cells // width, axis=0))
-        if total >= CROWD * occupied:
-            break
+    while width < edge and total < CROWD * len(np.unique(cells // width, axis=0)):
         width *= 2
-    occupied = len(np.unique(cells // width, axis=0))
-    return float(width * np.sqrt(occupied / total))
+    return float(width * np.sqrt(len(np.unique(cells // width, axis=0)) / total))
+
+
+class Finder:
+    """Finds the tiles of points.
+
+    Parameters
+    ----------
+    tiles : sequence of Tile
+        Tiles that fill the box of the points.
+    """
+
+    def __init__(self, tiles: Sequence[Tile]) -> None:
+        self._low = np.array([tile.low for tile in tiles]).astype(np.int64)
+        self._edge = np.array([tile.high[0] - tile.low[0] for tile in tiles]).astype(np.int64)
+        keys = _key(self._low, self._edge)
+        self._order = np.argsort(keys)
+        self._keys = keys[self._order]
+
+    def tiles(self, x: Array) -> Index:
+        """Return the number of the tile of each point, (n,)."""
+        found, cells = np.full(len(x), -1), np.floor(x).astype(np.int64)
+        for edge in np.unique(self._edge):
+            keys = _key(cells // edge * edge, np.full(len(x), edge))
+            place = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
+            here = self._keys[place] == keys
+            found[here] = self._order[place[here]]
+        return found
+
+
+def _key(low: Index, edge: Index) -> Index:
+    """Return one number for each cube with a corner and an edge."""
+    level = np.log2(edge).astype(np.int64)
+    x, y, z = low.T
+    return np.asarray(((level * (4 << DEPTH) + x) * (4 << DEPTH) + y) * (4 << DEPTH) + z)
 
 
 def earlier(tiles: Sequence[Tile], lattice: Lattice) -> list[list[int]]:

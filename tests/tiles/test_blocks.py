@@ -17,7 +17,7 @@ from o3d_sofnn.meshing.isosurface import extraction
 from o3d_sofnn.options import Options
 from o3d_sofnn.progress import Clock
 from o3d_sofnn.tiles.blocks import Blocks, Run
-from o3d_sofnn.tiles.dipoles import dipoles_of
+from o3d_sofnn.tiles.dipoles import Coarse, dipoles_of
 from o3d_sofnn.tiles.extraction import extract
 from o3d_sofnn.tiles.lattice import BLOCK, GATHERED, HALO, Box, Lattice
 from o3d_sofnn.tiles.learning import patch_of
@@ -145,3 +145,18 @@ def test_dipoles_of_all_levels_have_the_moments_of_all_samples():
     seen = dipoles.far_from(Box(box.low // BLOCK * BLOCK, box.low // BLOCK * BLOCK + BLOCK))
     assert len(seen) < 0.1 * len(samples.places)
     assert seen.areas.sum() == pytest.approx(samples.areas.sum())
+
+
+def test_coarse_dipoles_suffice_where_they_say_so():
+    _, run, _, dipoles = scene()
+    coarse = Coarse.of(0, dipoles)
+    assert 0 < len(coarse.dipoles) < 0.5 * len(dipoles)
+    start, seen = all_of(run).low, []
+    for step in (0, 2 * BLOCK, 20 * BLOCK):
+        box = Box(start - step - BLOCK, start - step)
+        seen.append(coarse.suffices(box))
+        if seen[-1]:
+            for name, values in vars(dipoles.far_from(box)).items():
+                np.testing.assert_array_equal(getattr(coarse.dipoles.far_from(box), name), values)
+    assert seen[0] is False
+    assert seen[-1] is True

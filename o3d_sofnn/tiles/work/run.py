@@ -16,7 +16,7 @@ from o3d_sofnn.progress import ProgressCallback
 from o3d_sofnn.threads import thread_count, using_threads
 from o3d_sofnn.tiles.borders import Decision, decide, links_of
 from o3d_sofnn.tiles.learning import run_of
-from o3d_sofnn.tiles.plan import Cloud, Counts, Tile, earlier, plan
+from o3d_sofnn.tiles.plan import Cloud, Counts, Finder, Tile, earlier, plan
 from o3d_sofnn.tiles.sides import orient
 from o3d_sofnn.tiles.work.memory import check_memory
 from o3d_sofnn.tiles.work.stitch import Whole, kept_pieces, stitched, write_ply
@@ -29,6 +29,7 @@ from o3d_sofnn.tiles.work.store import (
 )
 from o3d_sofnn.tiles.work.tasks import (
     Job,
+    coarse_dipoles,
     dipole_task,
     figures_of,
     finish_task,
@@ -148,6 +149,8 @@ def run_tiles(
             run = run_of(figures, load_object(folder, "sides.pickle"), job.options)
             manifest.add(save_object(folder, "run.pickle", run))
     stages.run("dipoles", dipole_task, "dipoles", filled)
+    if "coarse.pickle" not in manifest:
+        manifest.add(save_object(folder, "coarse.pickle", coarse_dipoles(job)))
     stages.run("mesh", mesh_task, "meshes", every)
     if "decision.pickle" not in manifest:
         decision = _decided(job, options)
@@ -222,22 +225,20 @@ def _distribute(cloud: Cloud, job: Job, origin: Array, edge: float) -> Receipt:
     folder.mkdir(exist_ok=True)
     for old in folder.iterdir():
         old.unlink()
+    finder = Finder(job.tiles)
     for points in cloud.chunks():
         x = (points - origin) / edge
-        left = np.arange(len(x))
-        for tile in job.tiles:
-            if not len(left):
-                break
-            own = tile.holds(x[left])
-            if tile.count and own.any():
-                path = job.folder / points_name(tile.number)
-                try:
-                    with path.open("ab") as stream:
-                        stream.write(np.ascontiguousarray(x[left[own]]).tobytes())
-                except OSError as error:
-                    error.filename = str(path)
-                    raise
-            left = left[~own]
+        number = finder.tiles(x)
+        order = np.argsort(number, kind="stable")
+        starts = np.flatnonzero(np.diff(number[order], prepend=-2))
+        for rows in np.split(order, starts[1:]):
+            path = job.folder / points_name(int(number[rows[0]]))
+            try:
+                with path.open("ab") as stream:
+                    stream.write(np.ascontiguousarray(x[rows]).tobytes())
+            except OSError as error:
+                error.filename = str(path)
+                raise
     counts = np.array([tile.count for tile in job.tiles])
     return save_arrays(job.folder, "points.npz", {"counts": counts})
 

@@ -17,8 +17,8 @@ from o3d_sofnn.rules.rule_base import RuleBase
 from o3d_sofnn.threads import using_threads
 from o3d_sofnn.tiles import dipoles as far
 from o3d_sofnn.tiles.borders import Finished, Seam, finish, owned, settled
-from o3d_sofnn.tiles.dipoles import Dipoles, dipoles_of
-from o3d_sofnn.tiles.lattice import BLOCK, GATHERED
+from o3d_sofnn.tiles.dipoles import Coarse, Dipoles, dipoles_of
+from o3d_sofnn.tiles.lattice import BLOCK, GATHERED, Box
 from o3d_sofnn.tiles.learning import Figures, Taught, learn_tile
 from o3d_sofnn.tiles.mesh import TileMesh, mesh_tile, nothing
 from o3d_sofnn.tiles.patch import Patch, Samples, joined
@@ -165,6 +165,28 @@ def dipole_task(job: Job, number: int) -> Receipt:
     return save_arrays(job.folder, name_of("dipoles", number), vars(found))
 
 
+def coarse_dipoles(job: Job) -> list[Coarse]:
+    """Return the dipoles of all tiles as seen from afar, tile by tile."""
+    found = []
+    for tile in (tile for tile in job.tiles if tile.count):
+        whole = Dipoles(**load_arrays(job.folder, name_of("dipoles", tile.number)))
+        found.append(Coarse.of(tile.number, whole))
+    return found
+
+
+def dipoles_for(job: Job, box: Box) -> list[Dipoles]:
+    """Return what the blocks in a box may see of each tile: all of near ones, little of others."""
+    coarse: list[Coarse] = load_object(job.folder, "coarse.pickle")
+    found = []
+    for each in coarse:
+        dipoles = each.dipoles
+        if not each.suffices(box):
+            name = name_of("dipoles", each.number)
+            dipoles = Dipoles(**load_arrays(job.folder, name))
+        found.append(dipoles.seen_from(box))
+    return found
+
+
 def mesh_task(job: Job, number: int) -> Receipt:
     """Triangulate a tile."""
     run = load_object(job.folder, "run.pickle")
@@ -177,11 +199,8 @@ def mesh_task(job: Job, number: int) -> Receipt:
     patches = [patch_of(job, each.number).within(low, high) for each in near]
     patches = [each for each in patches if len(each.rules) and len(each.samples.places)]
     if patches:
-        parts = []
-        for each in (each for each in job.tiles if each.count):
-            found = Dipoles(**load_arrays(job.folder, name_of("dipoles", each.number)))
-            parts.append(found.seen_from(own.grown(BLOCK)))
-        mesh, sums = mesh_tile(run, own, joined(patches), far.joined(parts))
+        seen = far.joined(dipoles_for(job, own.grown(BLOCK)))
+        mesh, sums = mesh_tile(run, own, joined(patches), seen)
     else:
         mesh, sums = nothing()
     save_object(job.folder, f"sums/{number:06d}.pickle", sums)
