@@ -80,7 +80,8 @@ def reconstruct_tiles(
     points_per_tile : int, default 2000000
         Largest number of points of a tile (at least 1000): a worker needs about 0.9 kB for each.
     workers : int, optional
-        Number of processes on this machine. None means one.
+        Number of processes on this machine, which start afresh: a script that asks for them has
+        ``if __name__ == "__main__":`` around its calls. None works in this process.
     scheduler : str, optional
         Address of a Dask scheduler, such as "tcp://host:8786". Needs ``dask[distributed]``.
     executor : concurrent.futures.Executor, optional

@@ -23,7 +23,7 @@ from o3d_sofnn.tiles.patch import Patch
 Array = NDArray[np.float64]
 
 
-KEPT = 128
+KEPT = 48
 """Number of blocks whose fields are kept for later leaves: each has some thousand samples."""
 
 

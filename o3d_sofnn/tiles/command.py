@@ -37,7 +37,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     engine = parser.add_mutually_exclusive_group()
     engine.add_argument(
-        "--workers", type=int, metavar="N", help="processes on this machine (default: 1)"
+        "--workers", type=int, metavar="N", help="processes on this machine (default: this one)"
     )
     engine.add_argument(
         "--scheduler", metavar="ADDRESS", help="a Dask scheduler, such as tcp://host:8786"

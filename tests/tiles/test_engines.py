@@ -37,6 +37,11 @@ def test_two_dask_workers_make_the_same_bits(inputs, tmp_path):
     assert found.mesh.read_bytes() == (inputs / "one" / "mesh.ply").read_bytes()
 
 
+def test_two_processes_make_the_same_bits(inputs, tmp_path):
+    found = reconstruct_tiles(inputs / "a.ply", tmp_path, points_per_tile=1000, workers=2)
+    assert found.mesh.read_bytes() == (inputs / "one" / "mesh.ply").read_bytes()
+
+
 def test_a_scheduler_that_is_not_there_is_named(inputs, tmp_path, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("o3d_sofnn.tiles.work.engine.PATIENCE", 1.0)

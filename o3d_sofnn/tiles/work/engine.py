@@ -3,7 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import (
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    as_completed,
+)
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -106,7 +113,7 @@ def engine_of(
     Parameters
     ----------
     workers : int or None
-        Number of processes on this machine; None and no other choice means one.
+        Number of processes on this machine; None and no other choice works in this process.
     scheduler : str or None
         Address of a Dask scheduler.
     executor : Executor or None
@@ -120,8 +127,11 @@ def engine_of(
             yield Engine(client.get_executor(pure=False, retries=RETRIES))
         finally:
             client.close()
+    elif workers is None:
+        with ThreadPoolExecutor(1) as one:
+            yield Engine(one, workers=1)
     else:
-        count = workers or 1
+        count = workers
 
         def make() -> Executor:
             return ProcessPoolExecutor(count, mp_context=_spawning())
