@@ -84,7 +84,7 @@ def main() -> None:
     parser.add_argument("--points-per-tile", type=int, default=2_000_000)
     parser.add_argument("--workers", type=int, default=100)
     parser.add_argument("--bytes", type=float, default=165.0, help="a patch, per point")
-    parser.add_argument("--seconds", type=float, default=8e-5, help="of one core, per point")
+    parser.add_argument("--seconds", type=float, default=6e-5, help="of one core, per point")
     args = parser.parse_args()
     print(
         "| points | tiles | points that decide the sides | gather: points, MB | patches, MB "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import shutil
 import threading
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -127,9 +128,10 @@ def test_a_run_that_failed_goes_on_from_what_is_finished(ball, tmp_path):
     assert (tmp_path / "out" / "mesh.ply").read_bytes() == (ball[1] / "mesh.ply").read_bytes()
 
 
-def test_a_damaged_file_is_made_again(ball, tmp_path):
-    run(BALL, tmp_path / "out")
-    damaged = tmp_path / "out" / "work" / "meshes" / "000001.npz"
+@pytest.mark.parametrize("stage", ["meshes", "seams"])
+def test_a_damaged_file_is_made_again(ball, tmp_path, stage):
+    shutil.copytree(ball[1], tmp_path / "out")
+    damaged = tmp_path / "out" / "work" / stage / "000001.npz"
     raw = bytearray(damaged.read_bytes())
     raw[len(raw) // 2] ^= 1
     damaged.write_bytes(raw)
@@ -151,6 +153,16 @@ def test_a_worker_that_dies_costs_a_retry(ball, tmp_path):
     run(BALL, tmp_path / "out", Here(dies), renew=lambda: Here(dies))
     assert died == [1]
     assert (tmp_path / "out" / "mesh.ply").read_bytes() == (ball[1] / "mesh.ply").read_bytes()
+
+
+def test_points_that_were_cut_short_are_named(ball, tmp_path):
+    shutil.copytree(ball[1], tmp_path / "out")
+    work = tmp_path / "out" / "work"
+    (work / "surveys" / "000000.npz").unlink()
+    cut = work / "points" / "000000.f8"
+    cut.write_bytes(cut.read_bytes()[:-24])
+    with pytest.raises(ValueError, match=r"000000\.f8: expected .* points"):
+        run(BALL, tmp_path / "out")
 
 
 def test_a_pool_that_always_breaks_ends_the_run(tmp_path):

@@ -33,7 +33,7 @@ class Receipt:
     sha256 : str
         Checksum.
     told : dict
-        What else the task has to say, as JSON.
+        What else the task has to say, as JSON; under "also", receipts of other files that it made.
     """
 
     name: str
@@ -42,9 +42,15 @@ class Receipt:
     told: dict[str, Any] = field(default_factory=dict)
 
     def holds(self, folder: Path) -> bool:
-        """Return whether the file is there and has this checksum."""
+        """Return whether the file and those made with it are there and have their checksums."""
         path = folder / self.name
-        return path.is_file() and path.stat().st_size == self.size and _sum(path) == self.sha256
+        also = [Receipt(**each) for each in self.told.get("also", ())]
+        return (
+            all(each.holds(folder) for each in also)
+            and path.is_file()
+            and path.stat().st_size == self.size
+            and _sum(path) == self.sha256
+        )
 
 
 def save_arrays(folder: Path, name: str, arrays: Mapping[str, Any], **told: Any) -> Receipt:
@@ -52,7 +58,7 @@ def save_arrays(folder: Path, name: str, arrays: Mapping[str, Any], **told: Any)
     path = folder / name
     path.parent.mkdir(parents=True, exist_ok=True)
     with open_atomic(path) as stream:
-        np.savez(stream, allow_pickle=False, **arrays)
+        np.savez(stream, **arrays)
     return receipt(folder, name, **told)
 
 

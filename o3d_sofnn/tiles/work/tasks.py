@@ -63,7 +63,14 @@ class Job:
 
     def points(self, tile: Tile) -> Array:
         """Return the own points of a tile."""
-        return np.fromfile(self.folder / points_name(tile.number), np.float64).reshape(-1, 3)
+        path = self.folder / points_name(tile.number)
+        found = np.fromfile(path, np.float64)
+        if len(found) != 3 * tile.count:
+            raise ValueError(
+                f"{path}: expected {tile.count} points, got {len(found) / 3:g}: it was changed or "
+                "cut short; remove the work directory"
+            )
+        return found.reshape(-1, 3)
 
     def with_rim(self, number: int) -> Array:
         """Return the points of a tile and of its rim, tile by tile."""
@@ -203,11 +210,12 @@ def mesh_task(job: Job, number: int) -> Receipt:
         mesh, sums = mesh_tile(run, own, joined(patches), seen)
     else:
         mesh, sums = nothing()
-    save_object(job.folder, f"sums/{number:06d}.pickle", sums)
-    save_arrays(job.folder, name_of("seams", number), vars(Seam.of(mesh)))
-    return save_arrays(
-        job.folder, name_of("meshes", number), mesh.arrays(), triangles=len(mesh.triangles)
-    )
+    also = [
+        save_object(job.folder, f"sums/{number:06d}.pickle", sums),
+        save_arrays(job.folder, name_of("seams", number), vars(Seam.of(mesh))),
+    ]
+    name = name_of("meshes", number)
+    return save_arrays(job.folder, name, mesh.arrays(), also=[vars(each) for each in also])
 
 
 def seam_of(job: Job, number: int) -> Seam:
