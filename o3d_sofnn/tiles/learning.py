@@ -240,15 +240,13 @@ def run_of(figures: Sequence[Figures], sides: Representatives, options: Options)
         usual = weighted_median(spacing, weight)
         wanted = weighted_median(typical_edges(usual, radius, flat), weight)
         finest = side / max(SIDE, 1.25 * float(np.sqrt(n)))
-        size, lattice = _walls(min(max(wanted, finest), side / FEWEST), FINER)
+        size, finer = min(max(wanted, finest), side / FEWEST), FINER
     else:
-        size, lattice = _walls(voxel, 0)
+        size, finer = voxel, 0
+    # Most cubes are larger than finest cells: the wall must be beyond the usual ones.
     wall = min(MARGIN * size, max(BEYOND * side, LEAST * size))
+    lattice = Lattice(size / 2**finer, finer)
     return Run(lattice, sides.level, noise, low - wall, high + wall)
-
-
-def _walls(size: float, finer: int) -> tuple[float, Lattice]:
-    return size / 2**finer, Lattice(size / 2**finer, finer)
 
 
 def weighted_median(values: Array, weight: Array) -> float:
