@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from o3d_sofnn.operators.drop_in import create_from_point_cloud_sofnn
     from o3d_sofnn.operators.normals import NormalDetails, estimate_normals
     from o3d_sofnn.operators.surfaces import SurfaceDetails, reconstruct_surface
+    from o3d_sofnn.operators.tiles import TilesReport, reconstruct_tiles
     from o3d_sofnn.sofnn.estimator import SOFNN
     from o3d_sofnn.sofnn.fuzzy_c_means import fuzzy_c_means
 
@@ -26,11 +27,13 @@ __all__ = [
     "NormalDetails",
     "ReconstructionWarning",
     "SurfaceDetails",
+    "TilesReport",
     "__version__",
     "create_from_point_cloud_sofnn",
     "estimate_normals",
     "fuzzy_c_means",
     "reconstruct_surface",
+    "reconstruct_tiles",
 ]
 
 _HOME = {
@@ -38,10 +41,12 @@ _HOME = {
     "NormalDetails": "o3d_sofnn.operators.normals",
     "ReconstructionWarning": "o3d_sofnn.operators.common",
     "SurfaceDetails": "o3d_sofnn.operators.surfaces",
+    "TilesReport": "o3d_sofnn.operators.tiles",
     "create_from_point_cloud_sofnn": "o3d_sofnn.operators.drop_in",
     "estimate_normals": "o3d_sofnn.operators.normals",
     "fuzzy_c_means": "o3d_sofnn.sofnn.fuzzy_c_means",
     "reconstruct_surface": "o3d_sofnn.operators.surfaces",
+    "reconstruct_tiles": "o3d_sofnn.operators.tiles",
 }
 
 

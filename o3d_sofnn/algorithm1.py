@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from o3d_sofnn.options import Options
 from o3d_sofnn.orientation.confidence import certainty
 from o3d_sofnn.orientation.evidence import Evidence, found, told
 from o3d_sofnn.orientation.sheets import settle
-from o3d_sofnn.orientation.viewpoint import find_sides, leaned
+from o3d_sofnn.orientation.viewpoint import Oriented, find_sides, leaned
 from o3d_sofnn.progress import Clock
 from o3d_sofnn.results import NormalEstimate
 from o3d_sofnn.rules.growth import grow
@@ -35,6 +36,17 @@ Array = NDArray[np.float64]
 
 ALL = 1e9
 """Radius of a neighbourhood in the unit cube that is certain to contain every point."""
+
+
+class Sides(Protocol):
+    """Sides of the surface that are known at any place."""
+
+    @property
+    def evidence(self) -> Evidence:
+        """How they were decided."""
+
+    def at(self, x: Array) -> Array:
+        """Return unit normals, (m, 3), at points (m, 3) on the surface, in the user's unit."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +92,7 @@ def learn_rules(
     normals: Array | None = None,
     experience: Experience | None = None,
     enclosing: bool = False,
+    decided: Sides | None = None,
 ) -> Learned:
     """Learn oriented rules from points.
 
@@ -97,6 +110,8 @@ def learn_rules(
         Off-line rules.
     enclosing : bool, default False
         Whether the surface must enclose a volume; if so, points in one plane are an error.
+    decided : Sides, optional
+        Sides that were decided elsewhere, among more points than these.
 
     Returns
     -------
@@ -118,6 +133,8 @@ def learn_rules(
         samples = steps.floored(samples)
     with clock.stage("orientation"):
         evidence = told(normals, options.viewpoint, options.towards)
+        if decided is not None:
+            evidence = decided.evidence
         evidence = evidence or found(points, samples, cloud.frame)
         viewpoint = None if evidence is None else _inside(evidence.viewpoint, cloud)
         hanging = between(cloud.points, viewpoint, samples.scale)
@@ -128,12 +145,15 @@ def learn_rules(
         known, seen = (None if x is None else x[rows] for x in (normals, seen))
         if seen is not None or hanging.any():  # the scale changes
             samples = steps.floored(samples.seen(seen, limits))
-        oriented = find_sides(samples, known, seen)
+        if decided is None:
+            oriented = find_sides(samples, known, seen)
+        else:
+            oriented = Oriented.known(decided.at(cloud.frame.outside(samples.points)))
         sides = oriented.normals
         check_stage("orientation", sides=sides)
     rules, samples = _fitted(samples, sides, limits, clock)
     disputed = np.zeros(len(cloud.points), bool)
-    if evidence is None or not evidence.sure:
+    if evidence is None or not (evidence.sure or decided is not None):
         with clock.stage("orientation"):
             rules, sides, evidence = settle(rules, sides, samples.points, evidence, cloud.frame)
             if not evidence.decided:
@@ -151,7 +171,8 @@ def learn_rules(
         rules = grow(rules, samples, sides, limits, experience)
         check_stage("growth", **columns(rules))
     with clock.stage("orientation"):
-        rules = replace(rules, confidence=certainty(rules, evidence.decided))
+        settled = decided is not None or evidence.decided
+        rules = replace(rules, confidence=certainty(rules, settled))
     if many:
         with clock.stage("outliers"):
             off = beside_surface(rules, samples, sides, experience)

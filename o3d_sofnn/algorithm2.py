@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from o3d_sofnn.geometry.checks import check_mesh
 from o3d_sofnn.geometry.vectors import longest_side
+from o3d_sofnn.implicit.far_field import FarField
 from o3d_sofnn.implicit.field import Field
-from o3d_sofnn.implicit.units import local_surfaces
-from o3d_sofnn.meshing.borders.closing import VOUCHED, Closing, Judge
+from o3d_sofnn.implicit.units import LocalSurfaces, local_surfaces
+from o3d_sofnn.meshing.borders.closing import Closing, Judge
 from o3d_sofnn.meshing.borders.solids import solids
+from o3d_sofnn.meshing.borders.sums import VOUCHED
 from o3d_sofnn.meshing.isosurface.resolution import RESOLVES, SHEET, choose_cubes
 from o3d_sofnn.meshing.isosurface.spacing import local_spacing
 from o3d_sofnn.meshing.mesh import mesh
@@ -23,6 +25,7 @@ from o3d_sofnn.rules.rule_base import RuleBase
 
 if TYPE_CHECKING:
     from o3d_sofnn.algorithm1 import Learned
+    from o3d_sofnn.sampling.outliers import Samples
 
 Array = NDArray[np.float64]
 
@@ -89,6 +92,44 @@ class Meshed:
     watertight: bool
 
 
+@dataclass(frozen=True)
+class Local:
+    """What Algorithm 2 makes of oriented rules, in the unit cube.
+
+    Attributes
+    ----------
+    rules, surfaces : RuleBase and LocalSurfaces
+        The rules, and their local surfaces.
+    inliers, on_surface, facing : (m, 3) float64
+        Points that are not outliers, the same moved onto the surface, and their normals.
+    """
+
+    rules: RuleBase
+    surfaces: LocalSurfaces
+    inliers: Array
+    on_surface: Array
+    facing: Array
+
+    def spacing(self, samples: Samples, on_solid: NDArray[np.bool_]) -> Array:
+        """Return the distance between neighbouring samples, (m,), some of them on solids."""
+        scale = samples.scale
+        usual = scale.spacing[scale.at(self.inliers)]
+        return local_spacing(usual, on_solid, self.inliers, samples.tree)
+
+
+def local_parts(
+    learned: Learned, facing: Array, residual: Array, options: Options, clock: Clock
+) -> Local:
+    """Reconstruct the local surfaces of the rules (Algorithm 2); see :func:`implicit_function`."""
+    cloud, samples = learned.cloud, learned.samples
+    facing, residual = facing[samples.kept], residual[samples.kept]
+    with clock.stage("local surfaces"):
+        precision = None if options.precision is None else options.precision / cloud.extent
+        inliers = cloud.points if samples.kept.all() else cloud.points[samples.kept]
+        rules, surfaces = local_surfaces(learned.rules, inliers, facing, samples.tree, precision)
+    return Local(rules, surfaces, inliers, inliers - residual[:, None] * facing, facing)
+
+
 def implicit_function(
     learned: Learned, facing: Array, residual: Array, options: Options, clock: Clock
 ) -> Function:
@@ -114,32 +155,28 @@ def implicit_function(
     ValueError
         `voxel_size` asks for more than 500,000 cubes along one side, or for less than one.
     """
-    cloud, samples = learned.cloud, learned.samples
-    facing, residual = facing[samples.kept], residual[samples.kept]
-    with clock.stage("local surfaces"):  # Algorithm 2
-        precision = None if options.precision is None else options.precision / cloud.extent
-        inliers = cloud.points if samples.kept.all() else cloud.points[samples.kept]
-        rules, surfaces = local_surfaces(learned.rules, inliers, facing, samples.tree, precision)
+    samples, extent = learned.samples, learned.cloud.extent
+    local = local_parts(learned, facing, residual, options, clock)
+    rules, on_surface, facing = local.rules, local.on_surface, local.facing
     with clock.stage("field"):  # section 4
-        on_surface = inliers - residual[:, None] * facing
         scale = samples.scale
         solid, on_solid = solids(rules, on_surface)
-        spacing = scale.spacing[scale.at(inliers)]
-        spacing = local_spacing(spacing, on_solid, inliers, samples.tree)
+        spacing = local.spacing(samples, on_solid)
         # On a sheet cubes may be larger: the winding number does not show how thin it is.
         thick = replace(rules, confidence=np.where(solid, rules.confidence, 1.0))
         wider = np.where(on_solid, 1.0, SHEET)
         size, finest, levels = choose_cubes(
-            inliers,
+            local.inliers,
             on_surface,
             wider * spacing,
             float(np.median(scale.spacing) * np.median(wider)),
             thick,
-            _voxel_size(options, inliers, cloud.extent),
+            _voxel_size(options, local.inliers, extent),
         )
         edges = finest * np.exp2(levels)
         resolved = np.maximum(spacing, edges)
-        implicit = Field(rules, surfaces, on_surface, facing, resolved, on_solid)
+        far = FarField.of(on_surface, facing, resolved, on_solid)
+        implicit = Field(rules, local.surfaces, on_surface, facing, resolved, far)
         spacing = np.maximum(spacing, RESOLVES * edges)
     return Function(
         rules,
@@ -150,7 +187,7 @@ def implicit_function(
         size,
         finest,
         levels,
-        surfaces.offset_points,
+        local.surfaces.offset_points,
     )
 
 

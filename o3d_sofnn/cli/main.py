@@ -16,6 +16,7 @@ from o3d_sofnn.cli.parser import BAD_INPUT as BAD_INPUT
 from o3d_sofnn.cli.parser import make_parser
 from o3d_sofnn.cli.signals import Signals
 from o3d_sofnn.progress import make_progress
+from o3d_sofnn.tiles import command
 
 # What a shell reports for a program that a signal ended is this, and the number of the signal.
 SIGNALLED = 128
@@ -65,6 +66,8 @@ def _run(args: argparse.Namespace, signals: Signals) -> int:
                 commands.load(args.command)
             if args.command == "compare":
                 return comparison.run(args, progress)
+            if args.command == "tiles":
+                return command.run(args, progress)
             return batch.run(args, progress, said, signals.check)
     except Exception as error:
         if signals.heard is not None:

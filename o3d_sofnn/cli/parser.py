@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 
 from o3d_sofnn.cli import comparison
 from o3d_sofnn.progress import printable
+from o3d_sofnn.tiles import command
 
 BAD_INPUT = 2
 
@@ -97,6 +98,7 @@ def make_parser() -> argparse.ArgumentParser:
     common = _common_options()
     _add_normals(commands, common)
     _add_reconstruct(commands, common)
+    _add_tiles(commands)
     _add_compare(commands)
     return parser
 
@@ -124,6 +126,16 @@ def _add_normals(commands: Any, common: argparse.ArgumentParser) -> None:
 def _add_reconstruct(commands: Any, common: argparse.ArgumentParser) -> None:
     purpose = "write a watertight mesh through the points to OUT"
     mesh = _add_command(commands, common, "reconstruct", purpose, _RECONSTRUCT, _RECONSTRUCT_FILES)
+    _add_surface(mesh)
+    mesh.add_argument(
+        "--target-triangles", type=int, metavar="N", help="decimate to N triangles, still closed"
+    )
+    _add_side(mesh).add_argument(
+        "--use-normals", action="store_true", help="take the sides from the normals in IN"
+    )
+
+
+def _add_surface(mesh: argparse.ArgumentParser) -> None:
     resolution = mesh.add_mutually_exclusive_group()
     resolution.add_argument(
         "--depth", type=int, metavar="D", help="2**D cells along the longest side (1 to 16)"
@@ -144,17 +156,25 @@ def _add_reconstruct(commands: Any, common: argparse.ArgumentParser) -> None:
         help="cut away what has a confidence (0 to 1) below T; auto: the same as --closed auto",
     )
     mesh.add_argument(
-        "--target-triangles", type=int, metavar="N", help="decimate to N triangles, still closed"
-    )
-    mesh.add_argument(
         "--precision",
         type=float,
         metavar="E",
         help="largest distance of the local surfaces from the points, in the unit of IN",
     )
-    _add_side(mesh).add_argument(
-        "--use-normals", action="store_true", help="take the sides from the normals in IN"
+
+
+def _add_tiles(commands: Any) -> None:
+    tiles = commands.add_parser(
+        "tiles",
+        help="the same as reconstruct for clouds of any size, tile by tile",
+        description=command.TEXT,
+        epilog=_EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    command.add_options(tiles)
+    _add_surface(tiles)
+    _add_fits(tiles)
+    _add_progress(tiles)
 
 
 def _add_compare(commands: Any) -> None:
@@ -224,6 +244,18 @@ def _add_progress(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _add_fits(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--max-nn", type=int, metavar="K", help="largest neighbourhood of a local fit, in points"
+    )
+    parser.add_argument(
+        "--radius", type=float, metavar="R", help="the same as a radius, in the unit of IN"
+    )
+    parser.add_argument(
+        "--threads", type=int, default=-1, metavar="N", help="threads; -1 (default): all cores"
+    )
+
+
 def _common_options() -> _Parser:
     common = _Parser(add_help=False)
     common.add_argument(
@@ -240,15 +272,7 @@ def _common_options() -> _Parser:
         metavar="F",
         help="format of the files in a folder OUT (default: ply); needed for -",
     )
-    common.add_argument(
-        "--max-nn", type=int, metavar="K", help="largest neighbourhood of a local fit, in points"
-    )
-    common.add_argument(
-        "--radius", type=float, metavar="R", help="the same as a radius, in the unit of IN"
-    )
-    common.add_argument(
-        "--threads", type=int, default=-1, metavar="N", help="threads; -1 (default): all cores"
-    )
+    _add_fits(common)
     _add_progress(common)
     common.add_argument(
         "--offset",

@@ -37,7 +37,6 @@ _NORMALS = ("NormalX", "NormalY", "NormalZ")
 _COLORS = ("red", "green", "blue")
 
 
-# Records with the coordinate system, as text and as GeoTIFF keys.
 _WKT, _GEO_KEYS = 2112, 34735
 
 
@@ -69,10 +68,10 @@ def read_las(path: Path) -> PointFile:
         laspy is not installed.
     """
     data = _open(path)
-    with _laspy_errors(path):
+    with laspy_errors(path):
         names = [name for name in data.point_format.dimension_names if name not in ("X", "Y", "Z")]
         found = {name: np.asarray(data[name]) for name in ("x", "y", "z", *names)}
-        return columns.from_columns(path, found, crs=_crs(data.header))
+        return columns.from_columns(path, found, crs=crs_of(data.header))
 
 
 def is_las(path: Path) -> bool:
@@ -123,7 +122,7 @@ def write_las(
         raise ValueError(
             f"pcd: expected the {len(data.points)} points of {template}, got {len(cloud.points)}"
         )
-    if crs is not None and _crs(data.header) is None:
+    if crs is not None and crs_of(data.header) is None:
         _add_crs(data.header, crs)
     _write(stream, data, cloud.normals, compress, extra)
 
@@ -145,13 +144,13 @@ def check_las(
     extra : mapping of str to numpy.ndarray, shape (1, 1)
         The same with one row.
     """
-    laspy = _import_laspy()
+    laspy = import_laspy()
     if template is None:
         _check_finite(points)
         return
     with open_regular(template) as stream:
-        header = _read_header(stream, template)[1]
-    with _laspy_errors(template, "to be written again, choose an OUT like .ply"):
+        header = read_header(stream, template)[1]
+    with laspy_errors(template, "to be written again, choose an OUT like .ply"):
         one = laspy.LasData(header, laspy.PackedPointRecord.zeros(1, header.point_format))
         _write(io.BytesIO(), one, np.zeros((1, 3)), compress, extra)
 
@@ -163,7 +162,7 @@ def _write(
     compress: bool,
     extra: Mapping[str, NDArray[Any]],
 ) -> None:
-    laspy = _import_laspy()
+    laspy = import_laspy()
     # LAS has no Boolean dimensions.
     types = {name: v.dtype if v.dtype.kind in "iuf" else "u1" for name, v in extra.items()}
     data.add_extra_dims([laspy.ExtraBytesParams(name, kind) for name, kind in types.items()])
@@ -194,7 +193,7 @@ def _write(
 
 
 def _new(cloud: CloudArrays) -> Any:
-    laspy = _import_laspy()
+    laspy = import_laspy()
     _check_finite(cloud.points)
     colors = color_levels(cloud, "u2")
     header = laspy.LasHeader(version="1.4", point_format=6 if colors is None else 7)
@@ -216,9 +215,9 @@ def _check_finite(points: Array) -> None:
 
 def _open(path: Path) -> Any:
     """Return the file as laspy's LasData; its points may be changed."""
-    laspy = _import_laspy()
+    laspy = import_laspy()
     with open_regular(path) as stream:
-        layout, header = _read_header(stream, path)
+        layout, header = read_header(stream, path)
         if header.are_points_compressed:
             raw = bytearray()
             for frame in child.run(las_layout.__name__, path):
@@ -229,17 +228,17 @@ def _open(path: Path) -> Any:
     if len(raw) != layout.count * layout.record:
         got = len(raw) // layout.record
         raise ValueError(f"{path}: cut short: {got} of {layout.count} points")
-    with _laspy_errors(path):
+    with laspy_errors(path):
         points = laspy.PackedPointRecord.from_buffer(raw, header.point_format)
         return laspy.LasData(header, points)
 
 
-def _read_header(stream: BinaryIO, path: Path) -> tuple[las_layout.Layout, Any]:
+def read_header(stream: BinaryIO, path: Path) -> tuple[las_layout.Layout, Any]:
     """Return where the points are, and laspy's header."""
-    laspy = _import_laspy()
+    laspy = import_laspy()
     layout = las_layout.read_layout(stream, path)
     stream.seek(0)
-    with _laspy_errors(path):
+    with laspy_errors(path):
         header = laspy.LasHeader.read_from(stream, read_evlrs=True)
         sound = np.isfinite([*header.scales, *header.offsets]).all() and np.all(header.scales)
         if not sound or header.point_format.size != layout.record:
@@ -247,7 +246,7 @@ def _read_header(stream: BinaryIO, path: Path) -> tuple[las_layout.Layout, Any]:
     return layout, header
 
 
-def _crs(header: Any) -> str | None:
+def crs_of(header: Any) -> str | None:
     """Return the coordinate system as WKT, or as an EPSG number from GeoTIFF keys."""
     records = [*header.vlrs, *(header.evlrs or [])]
     records = [record for record in records if record.user_id == "LASF_Projection"]
@@ -270,12 +269,12 @@ def _add_crs(header: Any, crs: str) -> None:
     if text is None:
         _logger.warning("%s", sidecar.not_kept(crs))
         return
-    header.vlrs.append(_import_laspy().vlrs.known.WktCoordinateSystemVlr(text))
+    header.vlrs.append(import_laspy().vlrs.known.WktCoordinateSystemVlr(text))
     header.global_encoding.wkt = True
 
 
 @contextlib.contextmanager
-def _laspy_errors(path: Path, what: str = "readable as LAS or LAZ") -> Iterator[None]:
+def laspy_errors(path: Path, what: str = "readable as LAS or LAZ") -> Iterator[None]:
     """Convert all exceptions that laspy raises for a header to ``ValueError``."""
     try:
         yield
@@ -285,7 +284,8 @@ def _laspy_errors(path: Path, what: str = "readable as LAS or LAZ") -> Iterator[
         raise ValueError(f"{path}: not {what}: {error}") from error
 
 
-def _import_laspy() -> Any:
+def import_laspy() -> Any:
+    """Return the module ``laspy``; ``ImportError`` says what to type."""
     try:
         import laspy
     except ModuleNotFoundError as error:

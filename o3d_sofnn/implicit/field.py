@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from o3d_sofnn._kernels import KdTree, WindingTree, evaluate_field, sort_morton
+from o3d_sofnn._kernels import KdTree, evaluate_field, sort_morton
 from o3d_sofnn.geometry.checks import check_stage
-from o3d_sofnn.geometry.neighbors import neighborhood_areas
-from o3d_sofnn.orientation.winding_normals import OPENING
+from o3d_sofnn.implicit.far_field import FarField
 from o3d_sofnn.rules.rule_base import RuleBase
 from o3d_sofnn.threads import thread_count
 
@@ -32,10 +31,6 @@ CERTAIN = (0.2, 0.35)
 above which they are not: such a place is clearly inside or outside."""
 
 
-WIDTH = 0.75
-"""Smoothing width of the winding number, divided by the spacing."""
-
-
 ACROSS = 16.0
 """How fast a noisy rule loses weight with the residual that neither noise nor chance explains: such
 a rule lies across an edge, and the rules of the two faces are more accurate."""
@@ -51,29 +46,6 @@ NEAREST = 16
 
 BLOCK = 2**18
 """Number of queries that are evaluated together."""
-
-
-PLACES = 50_000
-"""Number of samples that suffice to estimate the mean winding number of all."""
-
-
-LONE = 8.0
-"""Largest edge of the square that a sample covers, divided by the spacing. Without this limit, an
-isolated clump of fewer points than the neighbours searched for would weigh as much as a room."""
-
-
-ALIKE = 8
-"""Largest number of consecutive samples that share one area."""
-
-
-LEVELS, AVERAGED, NEAR_LEVELS = 2000, 64, 4
-"""Places at which the level of the winding number is known, samples averaged at each, and how many
-are blended. In a room or beside a sheet the winding number on the surface depends on how much
-of the rest is seen from there: one level for all lost 38 % of the points of a street."""
-
-
-SAME = 0.1
-"""Difference from the level of all that is no difference."""
 
 
 Evaluate = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
@@ -95,8 +67,10 @@ class Field:
         Unit normals of the samples.
     spacing : (n,) float64
         Local distance between neighbouring samples, or the intended resolution if that is coarser.
-    solid : (n,) bool
-        True for samples on a solid, False for those on a sheet or in a room.
+    far : FarField
+        The winding number and its level.
+    noisiness : float, optional
+        From 0 to 1, if the noise level is noise; None takes the median of the rules.
     """
 
     def __init__(
@@ -106,63 +80,19 @@ class Field:
         samples: NDArray[np.float64],
         normals: NDArray[np.float64],
         spacing: NDArray[np.float64],
-        solid: NDArray[np.bool_],
+        far: FarField,
+        noisiness: float | None = None,
     ) -> None:
         self.rules = rules
         self.surfaces = surfaces
         self.samples = samples
         self.normals = normals
-        self.noisiness = float(np.median(rules.noisiness))
+        self.far = far
+        self.noisiness = float(np.median(rules.noisiness)) if noisiness is None else noisiness
         self._reach = 1.0 + (NOISY_REACH - 1.0) * self.noisiness
         self._samples = KdTree(samples, thread_count())
         self._spacing = spacing
         self._view = rules.view(trust=trust(rules))
-        # Lengths are compared: the square of a spacing as long as the user's voxels may overflow.
-        weight = np.minimum(np.sqrt(self._areas(samples)), LONE * spacing) ** 2
-        self._dipoles = weight[:, None] * normals
-        self._far_tree = WindingTree(samples, weight, thread_count())
-        # As in Poisson reconstruction, the level is the mean at the samples: 1/2 on closed data.
-        some = slice(None, None, 1 + len(samples) // PLACES)
-        on_samples = self.winding_number(np.ascontiguousarray(samples[some]), spacing[some])
-        self.level = float(np.average(on_samples, weights=weight[some]))
-        places = np.ascontiguousarray(samples[some])
-        self._levels = self._local_levels(places, on_samples, ~solid[some])
-
-    def _areas(self, samples: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the area around each sample; in large clouds, consecutive samples share one."""
-        few = min(1 + len(samples) // PLACES, ALIKE)
-        places = np.ascontiguousarray(samples[few // 2 :: few])
-        areas = neighborhood_areas(places, self._samples)
-        return np.repeat(areas, few)[np.minimum(np.arange(len(samples)), few * len(areas) - 1)]
-
-    def _local_levels(
-        self,
-        places: NDArray[np.float64],
-        winding: NDArray[np.float64],
-        sheet: NDArray[np.bool_],
-    ) -> tuple[KdTree, NDArray[np.float64]] | None:
-        """Differences of the level from that of all, at some places; None where there are none."""
-        rows = np.linspace(0, len(places) - 1, min(len(places), LEVELS)).astype(np.int64)
-        some, k = np.ascontiguousarray(places[rows]), min(AVERAGED, len(places))
-        near = KdTree(places, thread_count()).query(some, k, np.inf)[1]
-        off = winding[near].mean(axis=1) - self.level
-        off = sheet[near].mean(axis=1) * (off - np.clip(off, -SAME, SAME))
-        return (KdTree(some, thread_count()), off) if off.any() else None
-
-    def level_at(self, x: NDArray[np.float64]) -> NDArray[np.float64] | float:
-        """Winding number that parts inside and outside around places (m, 3)."""
-        if self._levels is None:
-            return self.level
-        tree, off = self._levels
-        distance, near = tree.query(x, min(NEAR_LEVELS, len(off)), np.inf)
-        weight = 1.0 / np.maximum(distance, 1e-9) ** 2
-        return np.asarray(self.level + (weight * off[near]).sum(axis=1) / weight.sum(axis=1))
-
-    def winding_number(
-        self, x: NDArray[np.float64], spacing: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return the winding number at queries `x`, (m,), smoothed according to the spacing."""
-        return np.asarray(self._far_tree.winding(self._dipoles, x, WIDTH * spacing, OPENING))
 
     def nearest(
         self, x: NDArray[np.float64], k: int
@@ -201,13 +131,44 @@ class Field:
         return values, support
 
     def _evaluate(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        # Beyond the reach of the widest spacing, the search ends early with an infinite distance.
+        distance, spacing = self.near(x)
+        return self.blend(x, distance, spacing, self.far.winding_number(x, spacing))
+
+    def near(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the distance to the nearest sample, (m,), and its spacing.
+
+        Beyond the reach of the widest spacing the search ends early, with an infinite distance.
+        """
         limit = REACH[1] * float(self._spacing.max())
         distance, nearest = self._samples.query(x, 1, limit)
         spacing = self._spacing[np.minimum(nearest[:, 0], len(self._spacing) - 1)]
-        support = fade(distance[:, 0] / spacing, *REACH)
-        share = fade(distance[:, 0] / (self._reach * spacing), *REACH)
-        excess = self.level_at(x) - self.winding_number(x, spacing)
+        return np.asarray(distance[:, 0]), np.asarray(spacing)
+
+    def blend(
+        self,
+        x: NDArray[np.float64],
+        distance: NDArray[np.float64],
+        spacing: NDArray[np.float64],
+        winding: NDArray[np.float64],
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Blend the local implicits with the winding number.
+
+        Parameters
+        ----------
+        x : (m, 3) float64
+            Queries; the result at one does not depend on the others.
+        distance, spacing : (m,) float64
+            What :meth:`near` says of them.
+        winding : (m,) float64
+            Winding number at the queries.
+
+        Returns
+        -------
+        values, support : (m,) float64
+        """
+        support = fade(distance / spacing, *REACH)
+        share = fade(distance / (self._reach * spacing), *REACH)
+        excess = self.far.level_at(x) - winding
         weight = share * fade(np.abs(excess), *CERTAIN)
         far = spacing * excess
         values = far.copy()

@@ -84,7 +84,7 @@ def mesh(
         values, level = confidence, border
     if values is not None:
         values = smoothed(values, level, vertices, triangles, implicit.spacing_at(vertices))
-        vertices, triangles, confidence = cut(vertices, triangles, confidence, values, level)
+        vertices, triangles, confidence = cut(vertices, triangles, confidence, values, level)[:3]
         triangles, used = drop_strays(vertices, triangles, samples)
         vertices, confidence = vertices[used], confidence[used]
         vertices, triangles, used = tidy(vertices, triangles, implicit.spacing_at(vertices))

@@ -8,25 +8,21 @@ from mesh_checks import assert_no_intersections
 from shapes import sphere
 
 from o3d_sofnn import pipeline
-from o3d_sofnn._kernels import KdTree, nearest_triangles
-from o3d_sofnn.implicit.field import LONE, Field
-from o3d_sofnn.implicit.units import local_surfaces
+from o3d_sofnn._kernels import nearest_triangles
+from o3d_sofnn.implicit.far_field import LONE, FarField
 
 BALL = sphere(3000)
 SPACING = np.sqrt(4.0 * np.pi / 3000)
 
 
 def field(points, normals, solid=True):
-    """Field whose rules are those of the ball alone."""
-    rules = pipeline.estimate_normals(BALL.points, n_threads=1).rules
-    tree = KdTree(points, 1)
-    _, surfaces = local_surfaces(rules, points, normals, tree, None)
+    """Far field of points on the ball and beside it."""
     spacing = np.full(len(points), SPACING)
-    return Field(rules, surfaces, points, normals, spacing, np.full(len(points), solid))
+    return FarField.of(points, normals, spacing, np.full(len(points), solid))
 
 
 def level(points, normals):
-    return field(points, normals).level
+    return field(points, normals).level.typical
 
 
 def test_a_few_points_far_away_do_not_decide_it():
@@ -50,7 +46,7 @@ def test_solids_have_one_level_and_shells_within_each_other_one_each():
     # Inside of the inner shell the winding number is -2, between them -1.
     np.testing.assert_allclose(both.level_at(BALL.points), -0.5, atol=0.15)
     np.testing.assert_allclose(both.level_at(0.3 * BALL.points), -1.5, atol=0.25)
-    assert field(inner, inward).level_at(BALL.points) == field(inner, inward).level
+    assert field(inner, inward).level_at(BALL.points) == level(inner, inward)
     assert field(BALL.points, BALL.normals, solid=False).level_at(BALL.points) == level(
         BALL.points, BALL.normals
     )

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from paper_parts.dental_shapes import molar
 
 from o3d_sofnn import pipeline
-from o3d_sofnn.implicit.field import NEAREST, PLACES
+from o3d_sofnn.implicit.far_field import PLACES
+from o3d_sofnn.implicit.field import NEAREST
 from o3d_sofnn.orientation.winding_normals import NARROWING, OPENING, ROUNDS, STEPS
 from o3d_sofnn.sampling.representatives import representatives
 from o3d_sofnn.sampling.scales.choice import PILOTS, SCALES

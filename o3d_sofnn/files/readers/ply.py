@@ -81,7 +81,7 @@ def _read(path: Path, wanted: set[str]) -> tuple[dict[str, Columns], dict[str, d
     values: dict[str, Columns] = {}
     lists: dict[str, dict[str, List]] = {}
     with open_regular(path) as stream:
-        order, elements, number = _read_header(stream, path)
+        order, elements, number = read_header(stream, path)
         missing = {element.name for element in elements} & wanted
         if "vertex" not in missing:
             raise ValueError(f"{path}: not readable as PLY: no element vertex")
@@ -103,7 +103,7 @@ def _read(path: Path, wanted: set[str]) -> tuple[dict[str, Columns], dict[str, d
     return values, lists
 
 
-def _read_header(stream: BinaryIO, path: Path) -> tuple[str, list[Element], int]:
+def read_header(stream: BinaryIO, path: Path) -> tuple[str, list[Element], int]:
     """Return the byte order ("" for ascii), the elements, and the number of lines."""
     order: str | None = None
     elements: list[Element] = []

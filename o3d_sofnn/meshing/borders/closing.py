@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree, label_pieces, vertex_normals
 from o3d_sofnn.meshing.borders.patches import Patches
+from o3d_sofnn.meshing.borders.sums import VOUCHED, Sums
 from o3d_sofnn.threads import thread_count
 
 if TYPE_CHECKING:
@@ -22,22 +23,6 @@ if TYPE_CHECKING:
 EDGE = 1.15
 """Distance from the samples, divided by their spacing, at which the surface ends: gaps between
 randomly drawn samples are narrower."""
-
-
-VOUCHED = 5.0
-"""Distance from the data, divided by the spacing along the rim, up to which the rim supports the
-closing of a hole."""
-
-
-FACING = 0.2
-"""Smallest mean cosine, on a solid, between a closing that reaches farther and the data at its rim.
-It is 0.00 at ends of pipes and at boxes without a lid, 0.29 at the missing base of a figure, and
-0.6 to 0.95 at missing patches of smooth solids."""
-
-
-HOLE = 0.1
-"""Largest area, on a solid, that was closed without the support of rims, divided by the area of the
-data: 0.00 to 0.07 on scans from all around, at least 0.2 elsewhere."""
 
 
 FEW = 64
@@ -124,38 +109,47 @@ class Judge:
         closing : Closing
         """
         component = np.asarray(label_pieces(triangles, len(vertices)))
-        distance, beyond, sample = self._distances(vertices, triangles, component)
-        spacing = self._spacing[sample]
-        patches = Patches(vertices, triangles, beyond > EDGE)
-        # Along a rim of varying density, the mean is weighted by length.
-        along = patches.on_rim(spacing**2) / np.maximum(patches.on_rim(spacing), 1e-300)
-        deep = patches.largest(distance) > VOUCHED * along
-        supported = np.bincount(component, patches.areas * ~patches.loose)
-        without = np.bincount(component, patches.areas * (patches.loose & deep[patches.label]))
-        solid = self._mostly_solid(sample, component) & (without <= HOLE * supported)
-        unsupported = float(without.sum() / max(patches.areas.sum(), 1e-300))
-        missing = patches.facing(self._field.normals[sample]) >= FACING
-        missing &= patches.on_rim(solid[component].astype(np.float64)) > 0.5
-        keep = (~deep | missing) & self._closes
-        if len(self._spacing) < FEW and not _is_flat(self._field.samples):
-            keep[:] = self._closes
-        beyond[patches.loose & keep[patches.label]] = 0.0
-        number = np.unique(patches.label[patches.loose])
-        return beyond, _closing(keep[number], unsupported, self._closes)
-
-    def _distances(
-        self, vertices: Array, triangles: Triangles, component: NDArray[np.int64]
-    ) -> tuple[Array, Array, NDArray[np.int64]]:
-        """Return distances to samples that face the same way, and relative to their spacing.
-
-        The third result is the nearest sample. Samples on solids, and those whose side the mesh
-        faces nowhere, count for both sides.
-        """
         facing = np.asarray(vertex_normals(vertices, triangles))
         sample = self._field.nearest(vertices, 1)[1][:, 0]
         any_side = self._mostly_solid(sample, component)[component]
-        faced = np.zeros(len(self._spacing), bool)
-        faced[sample[~any_side]] = True
+        sided = np.zeros(len(self._spacing), bool)
+        sided[sample[~any_side]] = True
+        distance, beyond = self.distances(vertices, facing, sided, any_side)
+        patches = Patches(vertices, triangles, beyond > EDGE)
+        sums = Sums.of(
+            patches,
+            component,
+            distance,
+            self._spacing[sample],
+            self._field.normals[sample],
+            self._solid[sample],
+        )
+        keep, without = sums.decide(self._closes)
+        if len(self._spacing) < FEW and not _is_flat(self._field.samples):
+            keep[:] = self._closes
+        beyond[patches.loose & np.append(keep, False)[patches.number]] = 0.0
+        return beyond, described(keep, without, self._closes)
+
+    def distances(
+        self, vertices: Array, facing: Array, sided: NDArray[np.bool_], any_side: NDArray[np.bool_]
+    ) -> tuple[Array, Array]:
+        """Return distances to samples that face the same way, and relative to their spacing.
+
+        Parameters
+        ----------
+        vertices, facing : (m, 3) float64
+            Vertices and their unit normals.
+        sided : (n,) bool
+            Samples that count for one side only: the one that they face, if the mesh faces it
+            somewhere.
+        any_side : (m,) bool
+            Vertices for which samples count whichever way they face.
+
+        Returns
+        -------
+        distance, beyond : (m,) float64
+        """
+        faced = sided.copy()
         faced[faced] = self._faced(vertices, facing, np.flatnonzero(faced))
         distance, beyond = np.full(len(vertices), np.inf), np.full(len(vertices), np.inf)
         for start in range(0, len(vertices), BLOCK):
@@ -165,7 +159,7 @@ class Judge:
             alike |= ~faced[index] | any_side[rows, None]
             distance[rows] = np.where(alike, near, np.inf).min(axis=1)
             beyond[rows] = np.where(alike, near / self._spacing[index], np.inf).min(axis=1)
-        return distance, np.minimum(beyond, 2.0 * VOUCHED), sample
+        return distance, np.minimum(beyond, 2.0 * VOUCHED)
 
     def _mostly_solid(
         self, sample: NDArray[np.int64], component: NDArray[np.int64]
@@ -191,7 +185,7 @@ def _is_flat(points: Array) -> bool:
     return bool(spread[-1] <= FLAT * spread[0])
 
 
-def _closing(keep: NDArray[np.bool_], unsupported: float, closes: bool) -> Closing:
+def described(keep: NDArray[np.bool_], unsupported: float, closes: bool) -> Closing:
     """Describe a decision in words."""
     share = f"{100.0 * unsupported:.0f} % of the closed mesh is not supported by the data"
     if not closes:

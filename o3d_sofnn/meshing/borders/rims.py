@@ -47,7 +47,12 @@ Triangles = NDArray[np.int32]
 Index = NDArray[np.int64]
 
 
-def tidy(vertices: Array, triangles: Triangles, spacing: Array) -> tuple[Array, Triangles, Index]:
+def tidy(
+    vertices: Array,
+    triangles: Triangles,
+    spacing: Array,
+    fixed: NDArray[np.bool_] | None = None,
+) -> tuple[Array, Triangles, Index]:
     """Straighten the rims of a mesh, and join their short edges.
 
     Parameters
@@ -57,6 +62,8 @@ def tidy(vertices: Array, triangles: Triangles, spacing: Array) -> tuple[Array, 
         A manifold with rims, without intersecting triangles.
     spacing : (m,) float64
         Spacing of the samples at the vertices.
+    fixed : (m,) bool, optional
+        Vertices that neither move nor vanish.
 
     Returns
     -------
@@ -66,14 +73,17 @@ def tidy(vertices: Array, triangles: Triangles, spacing: Array) -> tuple[Array, 
     used : (v,) int64
         Index of each vertex in the input.
     """
-    straight = straightened(vertices, triangles, spacing)
+    fixed = np.zeros(len(vertices), bool) if fixed is None else fixed
+    straight = straightened(vertices, triangles, spacing, fixed)
     straight = untangle([vertices, straight], triangles)
-    triangles = _joined(straight, triangles, spacing)
+    triangles = _joined(straight, triangles, spacing, fixed)
     used, number = np.unique(triangles, return_inverse=True)
     return straight[used], number.reshape(-1, 3).astype(np.int32), used.astype(np.int64)
 
 
-def straightened(vertices: Array, triangles: Triangles, spacing: Array) -> Array:
+def straightened(
+    vertices: Array, triangles: Triangles, spacing: Array, fixed: NDArray[np.bool_] | None = None
+) -> Array:
     """Move the vertices of rims along the surface to straighten the rims.
 
     Parameters
@@ -83,6 +93,8 @@ def straightened(vertices: Array, triangles: Triangles, spacing: Array) -> Array
         A manifold with rims.
     spacing : (m,) float64
         Spacing of the samples at the vertices.
+    fixed : (m,) bool, optional
+        Vertices that do not move.
 
     Returns
     -------
@@ -90,7 +102,7 @@ def straightened(vertices: Array, triangles: Triangles, spacing: Array) -> Array
         New positions, such that no triangle flips.
     """
     before, after = _neighbors(triangles, len(vertices))
-    rim = np.flatnonzero(before >= 0)
+    rim = np.flatnonzero(before >= 0 if fixed is None else (before >= 0) & ~fixed)
     if not len(rim):
         return vertices
     normals = np.asarray(vertex_normals(vertices, triangles))[rim]
@@ -128,9 +140,11 @@ def _first_of_runs(keys: Index) -> NDArray[np.bool_]:
     return first
 
 
-def _joined(vertices: Array, triangles: Triangles, spacing: Array) -> Triangles:
-    """Join edges of rims, except where triangles would intersect."""
-    rim = _neighbors(triangles, len(vertices))[0] >= 0
+def _joined(
+    vertices: Array, triangles: Triangles, spacing: Array, fixed: NDArray[np.bool_]
+) -> Triangles:
+    """Join edges of rims, except at fixed vertices and where triangles would intersect."""
+    rim = (_neighbors(triangles, len(vertices))[0] >= 0) & ~fixed
     if not rim.any():
         return triangles
     beside = with_corner_in(rim, triangles)

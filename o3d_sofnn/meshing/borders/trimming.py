@@ -70,7 +70,7 @@ def drop_strays(
 
 def cut(
     vertices: Array, triangles: Triangles, confidence: Array, values: Array, level: float
-) -> tuple[Array, Triangles, Array]:
+) -> tuple[Array, Triangles, Array, NDArray[np.int64]]:
     """Cut away parts where values at the vertices are below a level.
 
     Every triangle across the cut is divided, so the border is a smooth curve; the mesh stays
@@ -92,6 +92,9 @@ def cut(
     -------
     vertices, triangles, confidence
         The remaining mesh, with new vertices along the border.
+    ends : (v, 2) int64
+        For each vertex, the ends of the edge that it is on: the lower number first, or twice the
+        same if it was there before.
     """
     keep = values >= level
     number = keep[triangles].sum(axis=1)
@@ -118,8 +121,10 @@ def cut(
     confidence = np.concatenate([confidence, (1.0 - t) * confidence[start] + t * confidence[end]])
     t = t[:, None]
     vertices = np.concatenate([vertices, vertices[start] + t * (vertices[end] - vertices[start])])
+    old = np.arange(len(keep))
+    ends = np.concatenate([np.stack([old, old], axis=1), np.stack([start, end], axis=1)])
     triangles, used = _compact(triangles, len(vertices))
-    return vertices[used], triangles, confidence[used]
+    return vertices[used], triangles, confidence[used], ends[used]
 
 
 def _edge_keys(a: NDArray[np.int64], b: NDArray[np.int64], n: int) -> NDArray[np.int64]:
@@ -135,7 +140,12 @@ def _compact(triangles: Triangles, n: int) -> tuple[Triangles, NDArray[np.int64]
 
 
 def smoothed(
-    values: Array, level: float, vertices: Array, triangles: Triangles, spacing: Array
+    values: Array,
+    level: float,
+    vertices: Array,
+    triangles: Triangles,
+    spacing: Array,
+    fixed: NDArray[np.bool_] | None = None,
 ) -> Array:
     """Average values along the surface near the curves where they cross a level.
 
@@ -150,6 +160,8 @@ def smoothed(
         A closed mesh.
     spacing : (m,) float64
         Spacing of the samples at the vertices.
+    fixed : (m,) bool, optional
+        Vertices that keep their values.
 
     Returns
     -------
@@ -161,6 +173,8 @@ def smoothed(
     near[triangles[crossed]] = True
     for _ in range(RINGS):
         near[triangles[with_corner_in(near, triangles)]] = True
+    if fixed is not None:
+        near &= ~fixed
     rows = np.flatnonzero(near)
     number = np.full(len(values), -1)
     number[rows] = np.arange(len(rows))

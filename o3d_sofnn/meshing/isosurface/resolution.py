@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -159,11 +161,18 @@ def choose_voxel_size(
     float
         Edge in the unit of the points.
     """
-    least = np.maximum(SPACING * spacing, RESOLVED * rules.radius)
-    wanted = float(np.median(np.clip(flat, least, COARSER * least)))
+    wanted = float(np.median(typical_edges(spacing, rules.radius, flat)))
     side = longest_side(points)
     finest = side / max(SIDE, 1.25 * float(np.sqrt(len(points))))
     return min(max(wanted, finest), side / FEWEST)
+
+
+def typical_edges(
+    spacing: float, radius: NDArray[np.float64], flat: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the edges of cubes that suit rules, (r,), by their radius and flatness."""
+    least = np.maximum(SPACING * spacing, RESOLVED * radius)
+    return np.asarray(np.clip(flat, least, COARSER * least))
 
 
 def choose_levels(
@@ -198,14 +207,52 @@ def choose_levels(
         The cubes around a sample have an edge of ``finest * 2**level``.
     """
     size, most = sizes
-    nearest = rules.center_tree.query(samples, 1, np.inf)[1][:, 0]
-    # Wide rules must not cause gaps.
-    resolved = np.minimum(RESOLVED * rules.radius[nearest], size)
-    least = np.maximum(SPACING * spacing, resolved)
-    wanted = np.minimum(np.clip(flat[nearest], least, COARSER * least), most)
-    steps = np.floor(np.log2(wanted / size) + 1.0 - DOWN).astype(np.int64)
-    certain = rules.confidence[nearest]
-    thin = (certain > 0.0) & (certain < THIN) & (SPACING * spacing >= resolved)
-    steps = np.maximum(steps - thin, -FINER)
+    fits = Fits.at(rules, flat, rules.center_tree.query(samples, 1, np.inf)[1][:, 0])
+    steps = steps_of(spacing, fits, size, most)
     finer = max(0, -int(steps.min()))
     return size / 2**finer, steps + finer
+
+
+@dataclass(frozen=True)
+class Fits:
+    """What the cubes around samples depend on: of the rule nearest to each, (n,) float64.
+
+    Attributes
+    ----------
+    flat : (n,) float64
+        What :func:`flat_edges` says of it.
+    radius, confidence : (n,) float64
+        Its radius, and the confidence in its side.
+    """
+
+    flat: NDArray[np.float64]
+    radius: NDArray[np.float64]
+    confidence: NDArray[np.float64]
+
+    @classmethod
+    def at(cls, rules: RuleBase, flat: NDArray[np.float64], index: NDArray[np.int64]) -> Fits:
+        """Return those of rules with the given indices."""
+        return cls(flat[index], rules.radius[index], rules.confidence[index])
+
+
+def steps_of(
+    spacing: NDArray[np.float64], fits: Fits, size: float, most: float = np.inf
+) -> NDArray[np.int64]:
+    """Return how often the edges of cubes around samples are doubled, (n,); halved if negative.
+
+    Parameters
+    ----------
+    spacing : (n,) float64
+        Edge of the square that one point covers, at each.
+    fits : Fits
+        The rule nearest to each.
+    size, most : float
+        Typical edge of a cube, and the longest allowed edge.
+    """
+    # Wide rules must not cause gaps.
+    resolved = np.minimum(RESOLVED * fits.radius, size)
+    least = np.maximum(SPACING * spacing, resolved)
+    wanted = np.minimum(np.clip(fits.flat, least, COARSER * least), most)
+    steps = np.floor(np.log2(wanted / size) + 1.0 - DOWN).astype(np.int64)
+    thin = (fits.confidence > 0.0) & (fits.confidence < THIN) & (SPACING * spacing >= resolved)
+    return np.maximum(steps - thin, -FINER)

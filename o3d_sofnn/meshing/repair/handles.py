@@ -52,7 +52,10 @@ Triangles = NDArray[np.int32]
 
 
 def open_handles(
-    vertices: Array, triangles: Triangles, spacing: Callable[[Array], Array]
+    vertices: Array,
+    triangles: Triangles,
+    spacing: Callable[[Array], Array],
+    left: Array | None = None,
 ) -> tuple[Array, Triangles, NDArray[np.int64]]:
     """Remove small handles of a closed mesh, unless their lids would intersect other triangles.
 
@@ -63,6 +66,8 @@ def open_handles(
         A closed manifold without intersecting triangles.
     spacing : callable
         Maps (k, 3) queries to the (k,) distances between neighbouring samples there.
+    left : (s, 3) float64, optional
+        Places around which handles are left as they are.
 
     Returns
     -------
@@ -73,7 +78,7 @@ def open_handles(
     source : (m + c,) int64
         For each vertex, the same or a nearby vertex of the input.
     """
-    left = np.zeros((0, 3))
+    left = np.zeros((0, 3)) if left is None else left
     for _ in range(ATTEMPTS):
         opened, changed, source, on_cut, seeds = _cut(vertices, triangles, spacing, left)
         if not on_cut.any():

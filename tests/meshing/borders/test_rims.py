@@ -107,3 +107,14 @@ def test_averages_remove_teeth_and_leave_borders_in_place(ball):
     assert heights[1].mean() == pytest.approx(0.3, abs=0.03)
     far = vertices[:, 2] < -0.9
     np.testing.assert_array_equal(even[far], teeth[far])
+
+
+def test_fixed_vertices_stay(ball):
+    rng = np.random.default_rng(0)
+    vertices, triangles = trimmed(ball, ball[0][:, 2] + 0.1 * rng.normal(size=len(ball[0])))
+    fixed = vertices[:, 0] > 0.0
+    spacing = np.full(len(vertices), SPACING)
+    found, _, used = tidy(vertices, triangles, spacing, fixed)
+    assert np.isin(np.flatnonzero(fixed), used).all()
+    np.testing.assert_array_equal(found[fixed[used]], vertices[used][fixed[used]])
+    assert (found[~fixed[used]] != vertices[used][~fixed[used]]).any()

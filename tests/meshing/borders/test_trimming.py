@@ -8,7 +8,7 @@ from shapes import plane_patch, sphere
 
 from o3d_sofnn import adapters, reconstruct_surface, validation
 from o3d_sofnn.geometry import mesh_properties
-from o3d_sofnn.meshing.borders.trimming import cut, drop_strays
+from o3d_sofnn.meshing.borders.trimming import cut, drop_strays, smoothed
 from o3d_sofnn.meshing.isosurface.extraction import extract
 from o3d_sofnn.pipeline import reconstruct_surface as reconstruct
 
@@ -36,7 +36,7 @@ def assert_open_manifold(vertices, triangles):
 def test_the_border_is_the_line_of_equal_confidence(level):
     vertices, triangles = ball()
     confidence = np.clip(0.5 - 0.8 * vertices[:, 2], 0.0, 1.0)
-    vertices, triangles, confidence = cut(vertices, triangles, confidence, confidence, level)
+    vertices, triangles, confidence, _ = cut(vertices, triangles, confidence, confidence, level)
     assert_open_manifold(vertices, triangles)
     border = border_of(vertices, triangles)
     assert np.ptp(border[:, 2]) < 0.05, "teeth as long as the cubes"
@@ -95,3 +95,24 @@ def test_the_operators_take_auto(make_cloud, family):
     assert len(mesh_properties.boundary_edges(triangles)) > 0
     with pytest.raises(ValueError, match="trim"):
         validation.check_trim("some")
+
+
+def test_new_vertices_are_on_the_edges_that_are_named():
+    vertices, triangles = ball()
+    height = vertices[:, 2]
+    found, _, _, ends = cut(vertices, triangles, height, height, 0.2)
+    same = ends[:, 0] == ends[:, 1]
+    np.testing.assert_array_equal(found[same], vertices[ends[same, 0]])
+    a, b = vertices[ends[~same]].transpose(1, 0, 2)
+    along = np.linalg.norm(found[~same] - a, axis=1) + np.linalg.norm(found[~same] - b, axis=1)
+    np.testing.assert_allclose(along, np.linalg.norm(a - b, axis=1))
+    assert ((height[ends[~same]] < 0.2).sum(axis=1) == 1).all()
+
+
+def test_values_of_fixed_vertices_are_not_smoothed():
+    vertices, triangles = ball()
+    values = np.sign(vertices[:, 2]) + 0.1
+    fixed = vertices[:, 0] > 0.0
+    result = smoothed(values, 0.0, vertices, triangles, np.full(len(values), 0.2), fixed)
+    np.testing.assert_array_equal(result[fixed], values[fixed])
+    assert (result[~fixed] != values[~fixed]).any()

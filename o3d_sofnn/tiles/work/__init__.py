@@ -1,0 +1,1 @@
+"""Running tiles: a work directory, tasks on an executor, readers, results."""
