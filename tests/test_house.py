@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "o3d_sofnn"
 ROOMS = ("o3d_sofnn", "filters", "tests", "demos")
 CODE = (".py", ".pyi", ".cpp", ".hpp", ".h", ".js", ".css", ".html")
-FILES, LINES, PARAMETERS, LEVELS = 12, 300, 7, 13
+FILES, LINES, PARAMETERS, LEVELS = 12, 300, 7, 11
 OPERATORS = {
     "estimate_normals",
     "reconstruct_surface",

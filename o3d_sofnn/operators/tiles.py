@@ -18,7 +18,7 @@ from o3d_sofnn.files.outputs import open_atomic
 from o3d_sofnn.operators.common import progress_of, warn
 from o3d_sofnn.options import Options
 from o3d_sofnn.progress import ProgressCallback
-from o3d_sofnn.tiles.work import chunks, results, run
+from o3d_sofnn.tiles.work import chunks
 from o3d_sofnn.tiles.work.engine import engine_of
 
 POINTS = 2_000_000
@@ -118,6 +118,8 @@ def reconstruct_tiles(
     validation.check_exclusive(workers=workers, executor=executor)
     validation.check_exclusive(scheduler=scheduler, executor=executor)
     validation.check_integer(workers, "workers", 1)
+    from o3d_sofnn.tiles.work import results, run  # the whole method: only where it is used
+
     validation.check_integer(points_per_tile, "points_per_tile", 1000)
     normals = validation.check_flag(normals, "normals")
     if format is not None and format not in results.FORMATS:

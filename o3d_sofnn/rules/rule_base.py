@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import KdTree, RuleView
 from o3d_sofnn.sampling.local_fit import (
     RADIUS,
+    RULES_PER_NEIGHBORHOOD,
     Neighborhoods,
     Quadrics,
     fit_quadrics,
     spacing_of,
 )
-from o3d_sofnn.sampling.typical_data import RULES_PER_NEIGHBORHOOD
 from o3d_sofnn.threads import thread_count
 
 

@@ -19,6 +19,10 @@ RADIUS = 1.1
 """Radius of a fit, divided by the distance of its last neighbour (as in the native kernel)."""
 
 
+RULES_PER_NEIGHBORHOOD = 8.0
+"""Number of rule centres in the neighbourhood of one fit, which sets the overlap of the fits."""
+
+
 ROBUST = 2.0
 """Width of the residual weight in the second fit, divided by the noise level."""
 

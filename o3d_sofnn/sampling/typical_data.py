@@ -10,15 +10,11 @@ from numpy.typing import NDArray
 from o3d_sofnn._kernels import KdTree, divide_cells
 from o3d_sofnn._kernels import typical_data as native_typical_data
 from o3d_sofnn.sampling.cells import build_octree
-from o3d_sofnn.sampling.local_fit import sides_around
+from o3d_sofnn.sampling.local_fit import RULES_PER_NEIGHBORHOOD, sides_around
 from o3d_sofnn.threads import thread_count
 
 if TYPE_CHECKING:
     from o3d_sofnn.sampling.scales.choice import Scale
-
-RULES_PER_NEIGHBORHOOD = 8.0
-"""Number of rule centres in the neighbourhood of one fit, which sets the overlap of the fits."""
-
 
 LEAF = 32
 """Smallest capacity of an octree leaf; a run of fuzzy c-means clusters the points of one leaf."""
