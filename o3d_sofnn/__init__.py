@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from o3d_sofnn.operators.common import ReconstructionWarning
     from o3d_sofnn.operators.drop_in import create_from_point_cloud_sofnn
     from o3d_sofnn.operators.normals import NormalDetails, estimate_normals
+    from o3d_sofnn.operators.online import OnlineReconstruction
     from o3d_sofnn.operators.surfaces import SurfaceDetails, reconstruct_surface
     from o3d_sofnn.operators.tiles import TilesReport, reconstruct_tiles
     from o3d_sofnn.sofnn.estimator import SOFNN
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = [
     "SOFNN",
     "NormalDetails",
+    "OnlineReconstruction",
     "ReconstructionWarning",
     "SurfaceDetails",
     "TilesReport",
@@ -39,6 +41,7 @@ __all__ = [
 _HOME = {
     "SOFNN": "o3d_sofnn.sofnn.estimator",
     "NormalDetails": "o3d_sofnn.operators.normals",
+    "OnlineReconstruction": "o3d_sofnn.operators.online",
     "ReconstructionWarning": "o3d_sofnn.operators.common",
     "SurfaceDetails": "o3d_sofnn.operators.surfaces",
     "TilesReport": "o3d_sofnn.operators.tiles",

@@ -99,7 +99,7 @@ def planned(args: argparse.Namespace, messages: Messages) -> Iterator[Plan]:
         raise ValueError("OUT: expected a name, got an empty one")
     is_mesh = args.command == "reconstruct"
     endings = point_files.MESH_OUTPUTS if is_mesh else point_files.CLOUD_OUTPUTS
-    input_ending = _ending("input-format", args.input_format, point_files.CLOUD_INPUTS)
+    read_as = input_ending(args.input_format)
     output_ending = _ending("output-format", args.output_format, endings)
     with contextlib.ExitStack() as stack:
         read_from = write_to = Path()
@@ -107,11 +107,11 @@ def planned(args: argparse.Namespace, messages: Messages) -> Iterator[Plan]:
             _check_streams(args)
             made = tempfile.TemporaryDirectory(prefix="o3d-sofnn-", ignore_cleanup_errors=True)
             scratch = Path(stack.enter_context(made))
-            read_from = scratch / f"stdin{input_ending or ''}"
+            read_from = scratch / f"stdin{read_as or ''}"
             write_to = scratch / f"stdout{output_ending or ''}"
             messages.names |= {str(read_from): "standard input", str(write_to): "standard output"}
-        found = _found(args.input, input_ending)
-        sources = [read_from if text == STREAM else Path(text) for text in found]
+        names = found(args.input, read_as)
+        sources = [read_from if text == STREAM else Path(text) for text in names]
         several = _are_several(args.output, len(sources), endings)
         if several:
             targets = _targets(args.output, sources, output_ending)
@@ -123,10 +123,17 @@ def planned(args: argparse.Namespace, messages: Messages) -> Iterator[Plan]:
         if several and STEM not in args.output:
             stack.enter_context(_made(Path(args.output)))
         jobs = tuple(
-            Job(source, target, input_ending, text == STREAM, args.output == STREAM)
-            for text, source, target in zip(found, sources, targets, strict=True)
+            Job(source, target, read_as, text == STREAM, args.output == STREAM)
+            for text, source, target in zip(names, sources, targets, strict=True)
         )
         yield Plan(jobs, several)
+
+
+def input_ending(name: str | None) -> str | None:
+    """Return the extension of the format that ``--input-format`` names."""
+    from o3d_sofnn.files import point_files
+
+    return _ending("input-format", name, point_files.CLOUD_INPUTS)
 
 
 def _ending(option: str, name: str | None, known: Collection[str]) -> str | None:
@@ -155,9 +162,9 @@ def _check_streams(args: argparse.Namespace) -> None:
             raise ValueError(f"{option}: expected something else, as OUT is the standard output")
 
 
-def _found(inputs: list[str], ending: str | None) -> list[str]:
+def found(inputs: list[str], ending: str | None) -> list[str]:
     """Return the files of the inputs, including those in folders and those matching wildcards."""
-    found: dict[str, None] = {}
+    files: dict[str, None] = {}
     for text in inputs:
         matches = [text]
         if text != STREAM and not os.path.lexists(text) and glob.has_magic(text):
@@ -165,8 +172,8 @@ def _found(inputs: list[str], ending: str | None) -> list[str]:
             matches = sorted(glob.glob(text, recursive=True)) or matches
         for match in matches:
             is_folder = match != STREAM and os.path.isdir(match)
-            found |= dict.fromkeys(_in_folder(match, ending) if is_folder else [match])
-    return list(found)
+            files |= dict.fromkeys(_in_folder(match, ending) if is_folder else [match])
+    return list(files)
 
 
 def _in_folder(folder: str, ending: str | None) -> list[str]:

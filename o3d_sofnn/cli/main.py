@@ -15,8 +15,9 @@ from o3d_sofnn.cli.messages import Messages, told
 from o3d_sofnn.cli.parser import BAD_INPUT as BAD_INPUT
 from o3d_sofnn.cli.parser import make_parser
 from o3d_sofnn.cli.signals import Signals
+from o3d_sofnn.online import command as online
 from o3d_sofnn.progress import make_progress
-from o3d_sofnn.tiles import command
+from o3d_sofnn.tiles import command as tiles
 
 # What a shell reports for a program that a signal ended is this, and the number of the signal.
 SIGNALLED = 128
@@ -67,7 +68,11 @@ def _run(args: argparse.Namespace, signals: Signals) -> int:
             if args.command == "compare":
                 return comparison.run(args, progress)
             if args.command == "tiles":
-                return command.run(args, progress)
+                return tiles.run(args, progress)
+            if args.command == "watch":
+                return online.watch(args, progress)
+            if online.are_sweeps(args):
+                return online.reconstruct(args, progress)
             return batch.run(args, progress, said, signals.check)
     except Exception as error:
         if signals.heard is not None:

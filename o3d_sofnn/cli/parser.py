@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from o3d_sofnn.cli import comparison
+from o3d_sofnn.online import command as online
 from o3d_sofnn.progress import printable
-from o3d_sofnn.tiles import command
+from o3d_sofnn.tiles import command as tiles
 
 BAD_INPUT = 2
 
@@ -25,7 +26,8 @@ OUT is written whole or not at all."""
 _SEVERAL = """\
 Several IN: files, folders (the point files directly in them), wildcards in quotes. OUT is then a
 folder, created if needed, or a name with {stem}, the name of IN without its extension.
-A file that fails does not stop the others.
+A file that fails does not stop the others. reconstruct with a single file as OUT takes several IN
+as sweeps of one object.
 -: the standard input as IN (with --input-format), the standard output as OUT (--output-format).
 """
 
@@ -69,7 +71,7 @@ class _Parser(argparse.ArgumentParser):
     def parse_known_args(self, *args: Any) -> tuple[Any, list[str]]:  # type: ignore[override]
         """Allow options between files: argparse would reject files after an option."""
         found, left = super().parse_known_args(*args)
-        if hasattr(found, "output") and all(each == "-" or each[:1] != "-" for each in left):
+        if hasattr(found, "input_format") and all(each == "-" or each[:1] != "-" for each in left):
             files = [*found.input, found.output, *left]
             found.input, found.output, left = files[:-1], files[-1], []
         return found, left
@@ -98,7 +100,7 @@ def make_parser() -> argparse.ArgumentParser:
     common = _common_options()
     _add_normals(commands, common)
     _add_reconstruct(commands, common)
-    _add_tiles(commands)
+    _add_large(commands)
     _add_compare(commands)
     return parser
 
@@ -163,18 +165,25 @@ def _add_surface(mesh: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_tiles(commands: Any) -> None:
-    tiles = commands.add_parser(
-        "tiles",
-        help="the same as reconstruct for clouds of any size, tile by tile",
-        description=command.TEXT,
-        epilog=_EXIT_CODES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    command.add_options(tiles)
-    _add_surface(tiles)
-    _add_fits(tiles)
-    _add_progress(tiles)
+def _add_large(commands: Any) -> None:
+    """Add the commands for what is more than one file of points."""
+    for name, purpose, module in (
+        ("tiles", "the same as reconstruct for clouds of any size, tile by tile", tiles),
+        ("watch", "mesh the files that a scanner drops into a folder, after each of them", online),
+    ):
+        parser = commands.add_parser(
+            name,
+            help=purpose,
+            description=module.TEXT,
+            epilog=_EXIT_CODES,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        module.add_options(parser)
+        _add_surface(parser)
+        if module is online:
+            _add_side(parser)
+        _add_fits(parser)
+        _add_progress(parser)
 
 
 def _add_compare(commands: Any) -> None:

@@ -59,6 +59,23 @@ def finite_points(cloud: adapters.CloudArrays) -> NDArray[np.bool_]:
     return finite
 
 
+def own_box(box: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lower and upper corner, (3,), of a box of Open3D or of an array of both."""
+    if hasattr(box, "get_min_bound"):
+        low, high = (np.asarray(f(), float) for f in (box.get_min_bound, box.get_max_bound))
+    else:
+        try:
+            low, high = np.asarray(box, float).reshape(2, 3)
+        except (TypeError, ValueError):
+            raise ValueError(
+                "box: expected an AxisAlignedBoundingBox or its lower and upper corner, (2, 3), "
+                f"got {type(box).__name__}"
+            ) from None
+    if not (low <= high).all():
+        raise ValueError("box: expected a lower corner below the upper one")
+    return low, high
+
+
 def own_normals(cloud: adapters.CloudArrays, finite: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return the normals of a cloud, or raise ``ValueError`` if it has no usable ones."""
     if cloud.normals is None:

@@ -3,4 +3,5 @@
 import sys
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parents[2]))
+DEMOS = Path(__file__).resolve().parents[2]
+sys.path.append(str(DEMOS))
