@@ -115,10 +115,6 @@ class Options:
         """How holes are treated: as `closed` says, unless there is a level to cut at."""
         return self.closed if self.trim in (None, "auto") else False
 
-    def with_viewpoint(self, viewpoint: NDArray[np.float64] | None) -> Options:
-        """Return the options for points that were seen from a place, (3,) or (n, 3)."""
-        return replace(self, viewpoint=viewpoint)
-
     def of_rows(self, mask: NDArray[np.bool_]) -> Options:
         """Return the options for the rows of the cloud in a mask, (n,) bool."""
         if self.viewpoint is None or self.viewpoint.ndim == 1 or mask.all():

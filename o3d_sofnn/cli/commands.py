@@ -9,9 +9,9 @@ import logging
 import os
 import sys
 import time
-import warnings
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 from o3d_sofnn.cli import streams
 from o3d_sofnn.cli.jobs import Job
@@ -101,7 +101,7 @@ def run(args: argparse.Namespace, job: Job, progress: ProgressCallback) -> dict[
     # Imported here, so that --help and bad options respond at once.
     from o3d_sofnn.cli import findings, georeference
     from o3d_sofnn.files import point_files
-    from o3d_sofnn.operators.common import ReconstructionWarning
+    from o3d_sofnn.operators.common import unwarned
 
     mesh_wanted = args.command == "reconstruct"
     options = {
@@ -116,20 +116,20 @@ def run(args: argparse.Namespace, job: Job, progress: ProgressCallback) -> dict[
     progress(0.0, "read")
     seconds: dict[str, float] = {}
     with _timed(seconds, "read"):
-        source = _read(job)
+        if job.is_from_stream:
+            streams.read_file(job.source)
+        source = read(job.source, job.ending)
     if not mesh_wanted:
         names = findings.ATTRIBUTES if args.attributes else ()
         point_files.check_contents(job.target, source, job.source, names)
     place = georeference.place_of(args, job, source)
     for note in source.notes:
         _logger.warning("%s: %s", job.source, note)
-    if _uses_viewpoint_of(source, args):
+    if uses_viewpoint_of(source, args):
         options["viewpoint"] = source.viewpoint
         _logger.info("%s: the scanner's place in the file is used", job.source)
     cloud = point_files.as_cloud(source)
-    with warnings.catch_warnings():
-        # The log reports them.
-        warnings.simplefilter("ignore", ReconstructionWarning)
+    with unwarned():
         result, details = (_reconstruct if mesh_wanted else _normals)(cloud, args, options)
     seconds |= details.seconds
     progress(_WRITE_STARTS, "write")
@@ -150,7 +150,7 @@ def run(args: argparse.Namespace, job: Job, progress: ProgressCallback) -> dict[
     report |= findings.figures(source, details)
     report["crs"] = source.crs
     report["offset"] = None if place.offset is None else place.offset.tolist()
-    report["viewpoint_of_file"] = _uses_viewpoint_of(source, args)
+    report["viewpoint_of_file"] = uses_viewpoint_of(source, args)
     report["seconds"] = {name: round(value, 4) for name, value in seconds.items()}
     return report
 
@@ -176,15 +176,18 @@ def write_report(report: dict[str, Any] | list[dict[str, Any]], destination: str
             stream.write(text.encode())
 
 
-def _read(job: Job) -> PointFile:
-    """Read the input; errors in it count as bad input, not as failures of the machine."""
+def closed_of(args: argparse.Namespace) -> bool | Literal["auto"]:
+    """Return what ``--closed`` says."""
+    chosen: dict[str, bool | Literal["auto"]] = {"yes": True, "no": False}
+    return chosen.get(args.closed, "auto")
+
+
+def read(path: Path, ending: str | None) -> PointFile:
+    """Read an input; errors in it count as bad input, not as failures of the machine."""
     from o3d_sofnn.files import point_files
 
-    path = job.source
-    if job.is_from_stream:
-        streams.read_file(path)
     try:
-        source = point_files.read_points(path, job.ending)
+        source = point_files.read_points(path, ending)
     except OSError as error:
         # A file may refer to another one.
         named = error.filename or path
@@ -194,7 +197,7 @@ def _read(job: Job) -> PointFile:
     return source
 
 
-def _uses_viewpoint_of(source: PointFile, args: argparse.Namespace) -> bool:
+def uses_viewpoint_of(source: PointFile, args: argparse.Namespace) -> bool:
     """Return whether the scanner's position in the file decides the sides: no option does."""
     said = args.viewpoint is not None or args.towards is not None or args.no_viewpoint
     return source.viewpoint is not None and not said and not getattr(args, "use_normals", False)
@@ -214,7 +217,7 @@ def _reconstruct(cloud: Any, args: argparse.Namespace, options: dict[str, Any]) 
         depth=args.depth,
         voxel_size=args.voxel_size,
         use_normals=args.use_normals,
-        closed={"yes": True, "no": False}.get(args.closed, "auto"),
+        closed=closed_of(args),
         trim=args.trim,
         target_triangles=args.target_triangles,
         precision=args.precision,

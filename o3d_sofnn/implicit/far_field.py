@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,10 +61,10 @@ class Level:
     places: Array
     off: Array
 
-    def __post_init__(self) -> None:
-        """Make the tree of the places."""
-        tree = KdTree(np.ascontiguousarray(self.places), thread_count()) if len(self.off) else None
-        object.__setattr__(self, "_tree", tree)
+    @cached_property
+    def tree(self) -> KdTree:
+        """Tree of the places."""
+        return KdTree(np.ascontiguousarray(self.places), thread_count())
 
     def __reduce__(self) -> tuple[type[Level], tuple[float, Array, Array]]:
         """Leave out the tree, which is made anew."""
@@ -71,10 +72,9 @@ class Level:
 
     def at(self, x: Array) -> Array | float:
         """Return the winding number that parts inside and outside around places, (m, 3)."""
-        tree: KdTree | None = self.__dict__["_tree"]
-        if tree is None:
+        if not len(self.off):
             return self.typical
-        distance, near = tree.query(x, min(NEAR_LEVELS, len(self.off)), np.inf)
+        distance, near = self.tree.query(x, min(NEAR_LEVELS, len(self.off)), np.inf)
         weight = 1.0 / np.maximum(distance, 1e-9) ** 2
         return np.asarray(self.typical + (weight * self.off[near]).sum(axis=1) / weight.sum(axis=1))
 

@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
-import json
 import logging
-import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -53,11 +49,12 @@ class Sweeps:
     """Files that become one surface."""
 
     def __init__(self, args: argparse.Namespace, ending: str | None = None) -> None:
+        from o3d_sofnn.cli import commands
         from o3d_sofnn.operators.online import OnlineReconstruction
 
         options: dict[str, Any] = {name: getattr(args, name) for name in PASSED}
         self.model = OnlineReconstruction(
-            closed={"yes": True, "no": False}.get(args.closed, "auto"),
+            closed=commands.closed_of(args),
             n_threads=args.threads,
             target_triangles=args.target_triangles,
             **options,
@@ -68,19 +65,14 @@ class Sweeps:
 
     def add(self, path: Path) -> None:
         """Add the points of a file, seen from the place that the user or the file says."""
+        from o3d_sofnn.cli import commands
         from o3d_sofnn.files import point_files
 
-        try:
-            source = point_files.read_points(path, self._ending)
-        except OSError as error:
-            reason = error.strerror or error
-            raise ValueError(f"{error.filename or path}: not readable: {reason}") from error
-        if not len(source.points):
-            raise ValueError(f"{path}: expected points, got none")
+        source = commands.read(path, self._ending)
         for note in source.notes:
             _logger.warning("%s: %s", path, note)
         place = self._args.viewpoint
-        if place is None and not self._args.no_viewpoint and self._args.towards is None:
+        if commands.uses_viewpoint_of(source, self._args):
             place = source.viewpoint
         self.model.add(point_files.as_cloud(source), place)
         self.crs = self.crs or source.crs
@@ -121,8 +113,9 @@ def are_sweeps(args: argparse.Namespace) -> bool:
 
 def reconstruct(args: argparse.Namespace, progress: ProgressCallback) -> int:
     """Write the mesh of several files; return the exit code."""
-    from o3d_sofnn.cli import jobs
+    from o3d_sofnn.cli import commands, jobs
     from o3d_sofnn.files import outputs, point_files
+    from o3d_sofnn.operators.common import unwarned
 
     for name in ("use_normals", "attributes", "offset"):
         if getattr(args, name):
@@ -140,16 +133,17 @@ def reconstruct(args: argparse.Namespace, progress: ProgressCallback) -> int:
         rescale(progress, 0.0, 0.3)(number / len(files), f"read {file.name}")
         sweeps.add(file)
     progress(0.3, "reconstruct")
-    with _quietly():
+    with unwarned():
         report = sweeps.write(target)
     progress(1.0, "done")
     report["seconds"] = round(time.perf_counter() - started, 3)
-    _write_report({"command": "reconstruct", **report}, args.json)
+    commands.write_report({"command": "reconstruct", **report}, args.json)
     return 0
 
 
 def watch(args: argparse.Namespace, progress: ProgressCallback) -> int:
     """Follow a folder; return the exit code."""
+    from o3d_sofnn.cli import commands
     from o3d_sofnn.files import outputs, point_files
 
     if not args.folder.is_dir():
@@ -178,7 +172,7 @@ def watch(args: argparse.Namespace, progress: ProgressCallback) -> int:
     if report is None:
         raise ValueError(f"{args.folder}: expected point files in it, got none that make a surface")
     progress(1.0, "done")
-    _write_report({"command": "watch", **report}, args.json)
+    commands.write_report({"command": "watch", **report}, args.json)
     return 0
 
 
@@ -186,6 +180,8 @@ def _taken(
     sweeps: Sweeps, file: Path, target: Path, progress: ProgressCallback
 ) -> dict[str, Any] | None:
     """Add a file and write the mesh; say what went wrong, and return None."""
+    from o3d_sofnn.operators.common import unwarned
+
     progress(0.0, f"read {file.name}")
     try:
         sweeps.add(file)
@@ -194,7 +190,7 @@ def _taken(
         return None
     progress(0.1, f"{len(sweeps.files)} files")
     try:
-        with _quietly():
+        with unwarned():
             return sweeps.write(target)
     except ValueError as error:
         _logger.warning("no mesh yet: %s", error)
@@ -215,26 +211,3 @@ def _sizes(folder: Path, target: Path, endings: Any) -> dict[Path, tuple[int, in
         if status.st_size and file.is_file():
             found[file] = status.st_size, status.st_mtime_ns
     return found
-
-
-@contextlib.contextmanager
-def _quietly() -> Iterator[None]:
-    """Leave warnings to the log, which reports them."""
-    import warnings
-
-    from o3d_sofnn.operators.common import ReconstructionWarning
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ReconstructionWarning)
-        yield
-
-
-def _write_report(report: dict[str, Any], destination: str | None) -> None:
-    from o3d_sofnn.files.outputs import open_atomic
-
-    text = json.dumps(report, indent=2) + "\n"
-    if destination == "-":
-        sys.stdout.write(text)
-    elif destination is not None:
-        with open_atomic(destination) as stream:
-            stream.write(text.encode())

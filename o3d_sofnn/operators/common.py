@@ -31,6 +31,14 @@ def warn(*texts: str) -> None:
         warnings.warn(text, ReconstructionWarning, stacklevel=3)
 
 
+@contextlib.contextmanager
+def unwarned() -> Iterator[None]:
+    """Leave the warnings of operators to the log, for callers that show it."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ReconstructionWarning)
+        yield
+
+
 def inform(text: str) -> None:
     """Log a text."""
     _logger.info(text)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from typing import Any, Literal, overload
 
 import numpy as np
@@ -258,7 +259,7 @@ class OnlineReconstruction:
     def _options_here(self, cells: Cells) -> Options:
         """Return the options, with what is known of where the points were seen from."""
         viewpoint = None if self._options.towards is not None else cells.viewpoint
-        return self._options.with_viewpoint(viewpoint)
+        return replace(self._options, viewpoint=viewpoint)
 
     def _forget(self) -> None:
         """Drop what was learned before the points changed, but for the sides."""

@@ -82,14 +82,6 @@ def leaned(
     return unit(normals + np.minimum(share, LEANING)[:, None] * sides)
 
 
-def turned_along(
-    directions: NDArray[np.float64], normals: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Flip normals, (n, 3), that face against their directions, (n, 3)."""
-    product = np.einsum("nd,nd->n", normals, directions)
-    return np.where(product[:, None] < 0, -normals, normals)
-
-
 COARSE, FINE = (1.5, 3.0), (0.7, 2.3)
 """Smoothing width at the beginning and at the end: these multiples of the distance between
 representatives and of the noise level, combined as a root of squares. With a smaller width the

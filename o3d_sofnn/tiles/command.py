@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
-import sys
 from typing import Any
 
 from o3d_sofnn.progress import ProgressCallback
@@ -59,28 +57,19 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, progress: ProgressCallback) -> int:
     """Run the command; return the exit code."""
-    import warnings
-
-    from o3d_sofnn.files.outputs import open_atomic
-    from o3d_sofnn.operators.common import ReconstructionWarning
+    from o3d_sofnn.cli import commands
+    from o3d_sofnn.operators.common import unwarned
     from o3d_sofnn.operators.tiles import reconstruct_tiles
 
     options: dict[str, Any] = {name: getattr(args, name) for name in PASSED}
-    with warnings.catch_warnings():
-        # The log reports them.
-        warnings.simplefilter("ignore", ReconstructionWarning)
+    with unwarned():
         found = reconstruct_tiles(
             args.input,
             args.out,
-            closed={"yes": True, "no": False}.get(args.closed, "auto"),
+            closed=commands.closed_of(args),
             n_threads=args.threads,
             print_progress=progress,
             **options,
         )
-    text = json.dumps(found.figures, indent=2) + "\n"
-    if args.json == "-":
-        sys.stdout.write(text)
-    elif args.json is not None:
-        with open_atomic(args.json) as stream:
-            stream.write(text.encode())
+    commands.write_report(found.figures, args.json)
     return 0

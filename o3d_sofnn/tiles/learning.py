@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn._kernels import KdTree
 from o3d_sofnn.algorithm1 import infer, learn_rules
-from o3d_sofnn.algorithm2 import Function, local_parts
+from o3d_sofnn.algorithm2 import local_parts
 from o3d_sofnn.implicit.far_field import dipole_areas
 from o3d_sofnn.implicit.units import LocalSurfaces
 from o3d_sofnn.meshing.isosurface.grid import BEYOND, LEAST, MARGIN
@@ -42,23 +42,6 @@ Array = NDArray[np.float64]
 
 ASKED = 500
 """Number of rules of a tile that have a say in the figures of the run."""
-
-
-def patch_of(function: Function) -> Patch:
-    """Return all of an implicit function as one patch, in its unit.
-
-    Parameters
-    ----------
-    function : Function
-        What :func:`o3d_sofnn.algorithm2.implicit_function` returns.
-    """
-    field = function.implicit
-    return make_patch(
-        (field.rules, field.surfaces),
-        (function.on_surface, field.normals),
-        function.spacing,
-        function.on_solid,
-    )
 
 
 def make_patch(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -28,12 +29,12 @@ RIM = 32.0
 """Width of the rim of points around a tile with which it is learned, divided by the spacing."""
 
 
-class Cloud:
+class Cloud(ABC):
     """Points that are read part by part, as often as needed, in the same order."""
 
+    @abstractmethod
     def chunks(self) -> Iterator[Array]:
         """Yield arrays, (n, 3) float64, of finite points."""
-        raise NotImplementedError
 
     def box(self) -> tuple[Array, Array]:
         """Return the lowest and highest coordinates."""

@@ -34,7 +34,7 @@ MOST = 150_000
 """Number of points, over all tiles, that decide the sides: all of a smaller cloud."""
 
 
-def thinned(points: Array, share: float) -> Array:
+def evenly(points: Array, share: float) -> Array:
     """Return so large a share of some points, (n, 3), spread evenly along the Morton curve."""
     count = int(np.ceil(share * len(points)))
     if not len(points) or count >= len(points):

@@ -20,7 +20,7 @@ from o3d_sofnn.tiles.blocks import Blocks, Run
 from o3d_sofnn.tiles.dipoles import Coarse, dipoles_of
 from o3d_sofnn.tiles.extraction import extract
 from o3d_sofnn.tiles.lattice import BLOCK, GATHERED, HALO, Box, Lattice
-from o3d_sofnn.tiles.learning import patch_of
+from o3d_sofnn.tiles.learning import make_patch
 
 
 @functools.cache
@@ -30,7 +30,13 @@ def scene():
     learned = learn_rules(points, options, clock)
     _, facing, residual = infer(learned, options, clock)
     function = implicit_function(learned, facing, residual, options, clock)
-    patch = patch_of(function)
+    field = function.implicit
+    patch = make_patch(
+        (field.rules, field.surfaces),
+        (function.on_surface, field.normals),
+        function.spacing,
+        function.on_solid,
+    )
     lattice = Lattice(function.size / 8.0, 3)
     places = patch.samples.places
     wall = 8.0 * function.size

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,9 +11,7 @@ from numpy.typing import NDArray
 
 from o3d_sofnn.adapters import CloudArrays
 from o3d_sofnn.files import point_files
-from o3d_sofnn.tiles.plan import earlier
-from o3d_sofnn.tiles.work.stitch import kept_pieces
-from o3d_sofnn.tiles.work.store import load_arrays, load_object
+from o3d_sofnn.tiles.work.store import load_arrays
 from o3d_sofnn.tiles.work.tasks import finished, name_of
 
 if TYPE_CHECKING:
@@ -44,12 +41,10 @@ def write_meshes(reached: Reached, folder: Path, ending: str, crs: str | None) -
         Number of files.
     """
     folder.mkdir(exist_ok=True)
-    job = reached.job
-    near = earlier(job.tiles, load_object(job.folder, "run.pickle").lattice)
-    pieces, count = kept_pieces(near, lambda n: finished(job, n))[0], 0
+    job, count = reached.job, 0
     for tile in job.tiles:
         part = finished(job, tile.number)
-        own = pieces[tile.number][part.piece] if len(part.piece) else np.zeros(0, bool)
+        own = reached.pieces[tile.number][part.piece] if len(part.piece) else np.zeros(0, bool)
         triangles = part.triangles[own[part.triangles[:, 0]]]
         if not len(triangles):
             continue
@@ -84,7 +79,7 @@ def write_normals(reached: Reached, folder: Path, crs: str | None) -> int:
     return count
 
 
-def check_folder(out: str | os.PathLike[str], made: Sequence[str] = ()) -> Path:
+def check_folder(out: str | os.PathLike[str]) -> Path:
     """Return the folder of the results, created if needed.
 
     Raises

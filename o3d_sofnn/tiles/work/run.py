@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,9 +17,9 @@ from o3d_sofnn.threads import thread_count, using_threads
 from o3d_sofnn.tiles.borders import Decision, decide, links_of
 from o3d_sofnn.tiles.learning import run_of
 from o3d_sofnn.tiles.plan import Cloud, Counts, Finder, Tile, earlier, plan
-from o3d_sofnn.tiles.sides import orient
+from o3d_sofnn.tiles.sides import Representatives, orient
 from o3d_sofnn.tiles.work.memory import check_memory
-from o3d_sofnn.tiles.work.stitch import Whole, kept_pieces, stitched, write_ply
+from o3d_sofnn.tiles.work.stitch import kept_pieces, stitched, write_ply
 from o3d_sofnn.tiles.work.store import (
     Manifest,
     Receipt,
@@ -64,17 +64,17 @@ class Reached:
         Tiles and options.
     origin, edge : (3,) float64 and float
         A point x of the run is ``edge * x + origin`` in the user's coordinates.
-    whole : Whole
-        Figures of the mesh.
+    pieces : list of (p,) bool
+        For each tile, which pieces of its mesh stay.
     report : dict
-        What else is told.
+        Figures of the mesh, and what else is told.
     """
 
     job: Job
     origin: Array
     edge: float
-    whole: Whole
-    report: dict[str, Any]
+    pieces: list[NDArray[np.bool_]]
+    report: dict[str, Any] = field(default_factory=dict)
 
     def outside(self, x: Array) -> Array:
         """Convert points of the run to the user's coordinates."""
@@ -107,8 +107,6 @@ def run_tiles(
         Largest number of points of a tile.
     identity : mapping
         What the inputs are, as JSON; a work directory serves one job.
-    workers : int
-        Number of workers on this machine, among which its memory is divided.
     progress : callable, optional
         Called with the fraction done and the stage.
     """
@@ -140,7 +138,7 @@ def run_tiles(
     with using_threads(options.n_threads):
         if "sides.pickle" not in manifest:
             sides = orient(surveys_of(job, filled), job.options)
-            manifest.add(save_object(folder, "sides.pickle", sides, **_evidence(sides, job)))
+            manifest.add(save_object(folder, "sides.pickle", sides, **_evidence(sides)))
         stages.run("learn", learn_task, "learned", filled)
         if "run.pickle" not in manifest:
             figures = [each for each in (figures_of(job, n) for n in filled) if each is not None]
@@ -157,9 +155,9 @@ def run_tiles(
         manifest.add(save_object(folder, "decision.pickle", (decision.keep, decision.closing)))
     stages.run("finish", finish_task, "finished", every)
     closing = load_object(folder, "decision.pickle")[1]
-    reached = Reached(job, origin, edge, Whole(0, 0, 0, 0), {})
     near = earlier(tiles, load_object(folder, "run.pickle").lattice)
     pieces, components = kept_pieces(near, lambda n: finished(job, n))
+    reached = Reached(job, origin, edge, pieces)
     parts = stitched(near, lambda n: finished(job, n), pieces)
     whole = replace(write_ply(out / "mesh.ply", parts, reached.outside), components=components)
     if not whole.triangles:
@@ -175,7 +173,7 @@ def run_tiles(
         **asdict(whole),
         "watertight": whole.border_edges == 0,
     }
-    return replace(reached, whole=whole, report=report)
+    return replace(reached, report=report)
 
 
 class _Stages:
@@ -243,7 +241,7 @@ def _distribute(cloud: Cloud, job: Job, origin: Array, edge: float) -> Receipt:
     return save_arrays(job.folder, "points.npz", {"counts": counts})
 
 
-def _evidence(sides: Any, job: Job) -> dict[str, Any]:
+def _evidence(sides: Representatives) -> dict[str, Any]:
     evidence = sides.evidence
     return {"sides": evidence.kind, "sides_figures": dict(evidence.figures)}
 

@@ -23,7 +23,7 @@ from o3d_sofnn.tiles.learning import Figures, Taught, learn_tile
 from o3d_sofnn.tiles.mesh import TileMesh, mesh_tile, nothing
 from o3d_sofnn.tiles.patch import Patch, Samples, joined
 from o3d_sofnn.tiles.plan import Tile, earlier
-from o3d_sofnn.tiles.sides import MOST, thinned
+from o3d_sofnn.tiles.sides import MOST, evenly
 from o3d_sofnn.tiles.work.memory import check_memory
 from o3d_sofnn.tiles.work.store import Receipt, load_arrays, load_object, save_arrays, save_object
 
@@ -99,7 +99,7 @@ def task(work: Callable[[Job, int], Receipt], job: Path, number: int) -> Receipt
 def survey_task(job: Job, number: int) -> Receipt:
     """Choose some points of a tile."""
     share = min(1.0, MOST / sum(each.count for each in job.tiles))
-    some = thinned(job.points(job.tiles[number]), share)
+    some = evenly(job.points(job.tiles[number]), share)
     return save_arrays(job.folder, name_of("surveys", number), {"points": some})
 
 
