@@ -20,6 +20,7 @@ from o3d_sofnn.adapters import CloudArrays
 from o3d_sofnn.files import point_files
 from o3d_sofnn.files.readers.ply import read_ply_mesh
 from o3d_sofnn.geometry import mesh_properties
+from o3d_sofnn.geometry.neighbors import neighborhood_areas
 from o3d_sofnn.tiles.work.store import load_object
 from o3d_sofnn.tiles.work.tasks import finished
 
@@ -82,8 +83,7 @@ SCENES = {"dense part": dense_part, "terrain": terrain, "room": room, "city": ci
 def spacing_of(points):
     """Return the median edge of the square that one point covers."""
     some = np.ascontiguousarray(points[:: max(1, len(points) // 2000)])
-    distance = KdTree(points, -1).query(some, 9, np.inf)[0][:, -1]
-    return float(np.median(distance * np.sqrt(np.pi / 8.5)))
+    return float(np.median(np.sqrt(neighborhood_areas(some, KdTree(points, -1)))))
 
 
 def kind_of(triangles):

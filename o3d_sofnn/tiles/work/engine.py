@@ -60,12 +60,12 @@ class Engine:
         """
         left, tries = list(numbers), 0
         while left:
+            finished: set[int] = set()
             try:
-                left = self._once(work, left, done)
-                if not left:
-                    return
+                self._once(work, left, done, finished)
+                return
             except BrokenExecutor:
-                left = [n for n in left if n not in self._finished]
+                left = [n for n in left if n not in finished]
                 tries += 1
                 if self.renew is None or tries > RETRIES:
                     raise
@@ -77,8 +77,9 @@ class Engine:
         work: Callable[[int], Receipt],
         numbers: Sequence[int],
         done: Callable[[Receipt], None],
-    ) -> list[int]:
-        self._finished: set[int] = set()
+        finished: set[int],
+    ) -> None:
+        """Run each task once; `finished` gets the numbers of those that have ended well."""
         futures: dict[Future[Receipt], int] = {
             self.executor.submit(work, number): number for number in numbers
         }
@@ -90,7 +91,7 @@ class Engine:
                 error = future.exception()
                 if error is None:
                     done(future.result())
-                    self._finished.add(futures[future])
+                    finished.add(futures[future])
                 elif failure is None or isinstance(failure, BrokenExecutor):
                     failure = error
                     for other in futures:
@@ -101,7 +102,6 @@ class Engine:
             raise
         if failure is not None:
             raise failure
-        return []
 
 
 @contextmanager
