@@ -111,7 +111,7 @@ $(MESHLAB)/.python:
 	mkdir -p $(MESHLAB)
 	$(PYTHON311) -m venv $(MESHLAB)/python
 	$(MESHLAB)/python/bin/python -m pip install --quiet \
-		pymeshlab==2022.2.post4 "numpy<2" scipy nanobind-backend
+		pymeshlab==2022.2.post4 "numpy<2" scipy
 	touch $@
 
 ext:

@@ -1,7 +1,8 @@
-"""Fresh environments: the wheel under every Python, with Open3D or not, with old and new NumPy.
+"""Fresh environments: the wheels under every Python, with Open3D or not, with old and new NumPy.
 
 For each Python there are virtual environments with NumPy 1.26 and 2, with Open3D and without, each
-with the wheel and what it asks for from PyPI. There the code blocks of the README run: all of its
+with the wheel for this Python and what it asks for from PyPI. Where NumPy has no such wheel, the
+row says so. There the code blocks of the README run: all of its
 Python with Open3D, the blocks for arrays without, and the whole of its shell.
 """
 
@@ -25,6 +26,8 @@ README = ROOT / "README.md"
 NUMPY = {"1.26": "numpy==1.26.*", "2": "numpy>=2"}
 MINORS = range(10, 20)
 UTM = (500_000.0, 5_400_000.0, 300.0)
+NONE = "No matching distribution found for numpy"
+"""What pip says where NumPy has no wheel for this Python."""
 SECONDS = 1200.0
 """What an installation, or the blocks, may take."""
 HEAD = """\
@@ -63,9 +66,13 @@ def inside(folder: Path) -> dict[str, str | int | None]:
     }
 
 
-def row(python: str, numpy: str, with_open3d: bool, wheel: Path) -> str:
+def row(python: str, numpy: str, with_open3d: bool, wheels: list[Path]) -> str:
     """Make an environment, run the blocks in it, and return a row of the table."""
-    asked = f"| {_version_of(python)} | {numpy} | | {'yes' if with_open3d else 'none'} |"
+    number = _version_of(python)
+    asked = f"| {number} | {numpy} | | {'yes' if with_open3d else 'none'} |"
+    wheel = wheel_for(number, wheels)
+    if wheel is None:
+        return f"{asked} **none of the wheels is for this Python** | | | |"
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / "environment"
         started = time.perf_counter()
@@ -79,7 +86,10 @@ def row(python: str, numpy: str, with_open3d: bool, wheel: Path) -> str:
             installed = time.perf_counter()
             found = json.loads(_run([program, __file__, "--inside"], folder).splitlines()[-1])
         except (subprocess.SubprocessError, OSError) as error:
-            return f"{asked} **{_reason(error)}** | | | |"
+            reason = _reason(error)
+            if NONE in reason:
+                return f"{asked} NumPy {numpy} has no wheel for this Python | | | |"
+            return f"{asked} **{reason}** | | | |"
         ended = time.perf_counter()
     return (
         f"| {found['python']} | {found['numpy']} | {found['scipy']} | {found['open3d'] or 'none'} "
@@ -88,10 +98,21 @@ def row(python: str, numpy: str, with_open3d: bool, wheel: Path) -> str:
     )
 
 
+def wheel_for(number: str, wheels: list[Path]) -> Path | None:
+    """Return the first wheel that a Python of this number installs, by the wheels' names."""
+    major, minor = map(int, number.split(".")[:2])
+    for wheel in wheels:
+        tag, abi = wheel.stem.split("-")[2:4]
+        least = (int(tag[2]), int(tag[3:]))
+        if least == (major, minor) or (abi == "abi3" and least <= (major, minor)):
+            return wheel
+    return None
+
+
 def main() -> int:
     """Print a row for each environment; 1 if there is one in which not all blocks ran."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("wheel", nargs="?", type=Path, help="the wheel that is installed")
+    parser.add_argument("wheels", nargs="*", type=Path, metavar="WHEEL", help="for each Python")
     parser.add_argument(
         "--python", nargs="+", help="interpreters; without, those on the PATH: python3.10 ..."
     )
@@ -102,15 +123,17 @@ def main() -> int:
             found = inside(Path.cwd())
         print(json.dumps(found))
         return 0
-    if args.wheel is None or not args.wheel.is_file():
-        parser.error(f"wheel: expected a file, got {args.wheel}")
+    missing = [str(wheel) for wheel in args.wheels if not wheel.is_file()]
+    if missing or not args.wheels:
+        parser.error(f"WHEEL: expected files, got {', '.join(missing) or 'none'}")
+    wheels = [wheel.resolve() for wheel in args.wheels]
     on_path = [shutil.which(f"python3.{minor}") for minor in MINORS]
     print(HEAD)
     failed = False
     for python in args.python or filter(None, on_path):
         for numpy in NUMPY:
             for with_open3d in (False, True):
-                text = row(python, numpy, with_open3d, args.wheel.resolve())
+                text = row(python, numpy, with_open3d, wheels)
                 failed |= "**" in text
                 print(text, flush=True)
     return int(failed)

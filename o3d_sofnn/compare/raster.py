@@ -1,4 +1,4 @@
-"""Pictures of points and meshes by plain array code: no graphics library, no screen."""
+"""Pictures of points, by plain array code, and of meshes, by Open3D's rays: no screen is needed."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from o3d_sofnn.adapters import import_open3d
 from o3d_sofnn.geometry.vectors import unit
 
 Array = NDArray[Any]
@@ -25,10 +26,8 @@ BACK = np.array([0.80, 0.42, 0.34])
 """Colour of the backs of triangles."""
 LIGHT = np.array([0.35, 0.45, 0.82])
 """Direction to the light in the viewer's coordinates: right, up, toward."""
-LARGE = 64
-"""Extent in samples above which a triangle is filled on its own."""
 MOST_SAMPLES = 4_000_000
-"""Largest number of triangle samples in memory at a time."""
+"""Largest number of samples of discs in memory at a time."""
 
 
 @dataclass(frozen=True)
@@ -112,35 +111,18 @@ def draw_mesh(frame: Frame, vertices: Array, triangles: Array, colors: Array) ->
         Red, green, blue, opacity.
     """
     size = SUPERSAMPLING
-    place = frame.project(vertices)
-    place[:, :2] *= size
     width, height = size * frame.width, size * frame.height
-    depth = np.full(width * height, -np.inf)
-    picture = np.zeros((width * height, 4))
+    place = frame.project(vertices) * [size, size, 1.0]
     corners = place[triangles]
     low, high = corners[:, :, :2].min(axis=1), corners[:, :, :2].max(axis=1)
-    seen = (high > 0).all(axis=1) & (low < [width, height]).all(axis=1)
-    triangles, corners = triangles[seen], corners[seen]
-    shaded = _shade(corners, colors[triangles])
-    # Steps of at most one sample along every side, in classes of equal numbers of steps.
-    extent = np.ptp(corners[:, :, :2], axis=1).max(axis=1)
-    for k in np.flatnonzero(extent > LARGE):
-        _deposit(depth, picture, (width, height), *_fill(corners[k], shaded[k], (width, height)))
-    steps = 2 ** np.ceil(np.log2(np.clip(extent, 1.0, LARGE))).astype(int)
-    steps[extent > LARGE] = 0
-    for count in np.unique(steps[steps > 0]):
-        weights = _barycentric(count)
-        own = np.flatnonzero(steps == count)
-        part = max(1, MOST_SAMPLES // len(weights))
-        for start in range(0, len(own), part):
-            rows = own[start : start + part]
-            _deposit(
-                depth,
-                picture,
-                (width, height),
-                np.einsum("sk,fkc->fsc", weights, corners[rows]).reshape(-1, 3),
-                np.einsum("sk,fkc->fsc", weights, shaded[rows]).reshape(-1, 3),
-            )
+    seen = np.flatnonzero((high > 0).all(axis=1) & (low < [width, height]).all(axis=1))
+    picture = np.zeros((height * width, 4))
+    if len(seen):
+        corners = corners[seen]
+        hit, triangle, weights = _cast(corners, (width, height))
+        colors = colors[triangles[seen[triangle]]]
+        picture[hit, :3] = np.einsum("rk,rkc->rc", weights, _shade(corners[triangle], colors))
+        picture[hit, 3] = 1.0
     return _reduce(picture.reshape(height, width, 4), size)
 
 
@@ -229,29 +211,27 @@ def _shade(corners: Array, colors: Array) -> Array:
     return np.asarray(own * (0.45 + 0.6 * lit)[:, None, None])
 
 
-def _barycentric(count: int) -> Array:
-    """Return weights of the corners for places at most 1 / count of a side apart."""
-    i, j = np.meshgrid(np.arange(count + 1), np.arange(count + 1), indexing="ij")
-    inside = i + j <= count
-    u, v = i[inside] / count, j[inside] / count
-    return np.column_stack([1.0 - u - v, u, v])
+def _cast(corners: Array, size: tuple[int, int]) -> tuple[Array, Array, Array]:
+    """Return the samples that show a triangle, which triangle, and the weights of its corners.
 
-
-def _fill(corners: Array, colors: Array, size: tuple[int, int]) -> tuple[Array, Array]:
-    """Return the samples, and their colours, where a large triangle covers the picture."""
-    low = np.maximum(np.floor(corners[:, :2].min(axis=0)), 0.0)
-    high = np.minimum(np.ceil(corners[:, :2].max(axis=0)), size)
-    columns, rows = np.meshgrid(*(np.arange(a, b) + 0.5 for a, b in zip(low, high, strict=True)))
-    places = np.column_stack([columns.ravel(), rows.ravel()])
-    sides = (corners[1:, :2] - corners[0, :2]).T
-    area = np.linalg.det(sides)
-    if abs(area) < 1e-9:
-        return np.zeros((0, 3)), np.zeros((0, 3))
-    weights = np.linalg.solve(sides, (places - corners[0, :2]).T).T
-    weights = np.column_stack([1.0 - weights.sum(axis=1), weights])
-    inside = (weights >= 0.0).all(axis=1)
-    weights = weights[inside]
-    return np.column_stack([places[inside], weights @ corners[:, 2]]), weights @ colors
+    Corners are (f, 3, 3): columns and rows of samples, and depth. Open3D's rays (Embree's) look
+    along the depth from in front of all triangles, one through the middle of each sample.
+    """
+    o3d = import_open3d()
+    width, height = size
+    front = corners[:, :, 2].max()
+    scene = o3d.t.geometry.RaycastingScene()
+    places = (corners - [0.0, 0.0, front]).reshape(-1, 3).astype(np.float32)
+    index = np.arange(len(places), dtype=np.uint32).reshape(-1, 3)
+    scene.add_triangles(o3d.core.Tensor(places), o3d.core.Tensor(index))
+    rows, columns = np.divmod(np.arange(height * width, dtype=np.int64), width)
+    rays = np.zeros((height * width, 6), np.float32)
+    rays[:, 0], rays[:, 1], rays[:, 2], rays[:, 5] = columns + 0.5, rows + 0.5, 1.0, -1.0
+    found = scene.cast_rays(o3d.core.Tensor(rays))
+    hit = np.flatnonzero(np.isfinite(found["t_hit"].numpy()))
+    u, v = found["primitive_uvs"].numpy()[hit].astype(np.float64).T
+    triangle = found["primitive_ids"].numpy()[hit].astype(np.int64)
+    return hit, triangle, np.column_stack([1.0 - u - v, u, v])
 
 
 def _deposit(

@@ -1,4 +1,4 @@
-"""Pictures by array code: what is nearer hides what is farther, and files are valid PNG."""
+"""Pictures: what is nearer hides what is farther, and files are valid PNG."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ def test_a_mesh_covers_its_outline_and_nothing_else() -> None:
     assert covered.sum() == pytest.approx(side**2, rel=0.1)
     rows, columns = np.nonzero(covered)
     assert (rows.mean(), columns.mean()) == pytest.approx((24.5, 29.5), abs=0.6)
-    assert covered[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1].all()
+    box = pixels[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1, 3]
+    assert box.all(), "no gap, and at the corners a fourth of a pixel"
+    assert (box[1:-1, 1:-1] == 255).all()
 
 
 @pytest.mark.parametrize("order", [1, -1])
@@ -37,6 +39,15 @@ def test_the_nearer_of_two_triangles_is_seen(order: int) -> None:
     assert pixels[25, 30, 2] > 100
     assert pixels[25, 30, 0] == 0
     assert pixels[5, 10, 0] > 100
+
+
+def test_a_mesh_far_from_the_origin_looks_the_same() -> None:
+    tints = np.full((4, 3), 0.5)
+    expected = raster.draw_mesh(FRAME, 0.5 * SQUARE, FACES, tints)
+    shift = np.array([500_000.0, 5_400_000.0, 300.0])
+    frame = raster.Frame(VIEW, FRAME.low + shift, FRAME.high + shift, 60, 50)
+    found = raster.draw_mesh(frame, 0.5 * SQUARE + shift, FACES, tints)
+    assert (found != expected).mean() < 0.01
 
 
 def test_backs_have_a_colour_of_their_own() -> None:

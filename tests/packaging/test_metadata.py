@@ -42,4 +42,13 @@ def test_classifiers_name_every_python_that_is_allowed(settings: dict[str, Any])
     assert minors == list(range(minors[0], minors[-1] + 1))
     allowed = SpecifierSet(project["requires-python"])
     assert [allowed.contains(f"3.{minor}") for minor in (minors[0] - 1, minors[0])] == [False, True]
-    assert settings["tool"]["scikit-build"]["wheel"]["py-api"] == f"cp3{minors[0]}"
+
+
+def test_there_is_a_wheel_for_every_python(settings: dict[str, Any]) -> None:
+    """One for each Python before that of the stable ABI, and one for this and all later ones."""
+    least = next(iter(SpecifierSet(settings["project"]["requires-python"]))).version
+    stable = settings["tool"]["scikit-build"]["wheel"]["py-api"]
+    assert stable == "cp312", "nanobind is linked in, which takes the stable ABI of Python 3.12"
+    minors = range(int(least.split(".")[1]), int(stable[3:]) + 1)
+    built = settings["tool"]["cibuildwheel"]["build"].split()
+    assert built == [f"cp3{minor}-*" for minor in minors]
