@@ -95,6 +95,33 @@ def empty_in_front(rules: RuleBase) -> NDArray[np.bool_]:
     return np.asarray(np.abs(winding_before(rules, (1.0,))[0]) < 0.25)
 
 
+RIM, GAP = 0.2, 2.0 * np.pi / 3.0
+"""Share of a component at its border above which it is open, whatever is in front of it: 0.37 for a
+facade whose normals face away from the scene, at most 0.05 for shapes and teeth; and the angle
+without neighbours that makes a rule one of the border."""
+
+
+def at_border(rules: RuleBase) -> NDArray[np.bool_]:
+    """Mark rules whose neighbours, seen along the normal, leave a wide angle free.
+
+    Parameters
+    ----------
+    rules : RuleBase
+        Rules; their sides do not matter.
+
+    Returns
+    -------
+    (r,) bool
+        True along the border of a surface (Bendels et al. 2006, the angle criterion).
+    """
+    feet = rules.feet
+    near = rules.foot_tree.query(feet, min(AROUND + 1, len(feet)), np.inf)[1][:, 1:]
+    along = np.einsum("rkd,red->erk", feet[near] - feet[:, None], rules.frames[:, :2])
+    angle = np.sort(np.arctan2(along[1], along[0]), axis=1)
+    free = np.diff(angle, axis=1, append=angle[:, :1] + 2.0 * np.pi)
+    return np.asarray(free.max(axis=1, initial=0.0) > GAP)
+
+
 def winding_before(rules: RuleBase, steps: tuple[float, ...]) -> list[NDArray[np.float64]]:
     """Evaluate the winding number of the rules in front of each of them.
 

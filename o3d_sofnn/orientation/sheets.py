@@ -13,7 +13,9 @@ from o3d_sofnn.geometry.frame import Frame
 from o3d_sofnn.orientation.components import pieces, turn_along
 from o3d_sofnn.orientation.confidence import (
     CLOSED,
+    RIM,
     SHEET,
+    at_border,
     empty_in_front,
     undecided,
     winding_before,
@@ -209,10 +211,13 @@ def _sheets_along(
 
 
 def _open_rules(rules: RuleBase, empty: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Mark rules of open components: those with something in front of them, or too small."""
+    """Mark rules of open components: something in front of them, a long border, or too small."""
     piece, areas = pieces(rules), rules.areas
-    closed = np.bincount(piece, areas * empty) / np.bincount(piece, areas)
-    return np.asarray((closed < CLOSED)[piece] | (np.bincount(piece) < SHEET)[piece])
+    area = np.bincount(piece, areas)
+    opened = np.bincount(piece, areas * empty) < CLOSED * area
+    opened |= np.bincount(piece, areas * at_border(rules)) > RIM * area
+    opened |= np.bincount(piece) < SHEET
+    return np.asarray(opened[piece])
 
 
 TEXTS = {

@@ -20,7 +20,7 @@ from shapes import (
 )
 
 from o3d_sofnn.orientation.components import pieces, turn_along
-from o3d_sofnn.orientation.confidence import empty_in_front
+from o3d_sofnn.orientation.confidence import RIM, at_border, empty_in_front
 from o3d_sofnn.pipeline import estimate_normals
 from o3d_sofnn.reference.sampling.local_fit import frame_of
 from o3d_sofnn.rules.rule_base import RuleBase
@@ -176,11 +176,11 @@ def test_level_ground_faces_up(slope):
     assert np.median(found.confidence) > 0.5
 
 
-def test_terrain_that_is_steep_faces_up_and_warns():
+def test_terrain_that_is_steep_faces_up():
     found = estimate_normals(hills(4000).noisy(0.01).points)
-    assert not found.evidence.decided
+    assert found.evidence.kind == "height field"
     assert flipped(found.normals, hills(4000)) == 0.0
-    assert "face up" in found.warnings[0]
+    assert found.warnings == ()
 
 
 def test_a_bowl_faces_its_outside_and_closed_surfaces_do_not_warn():
@@ -217,3 +217,23 @@ def test_turned_rules_describe_the_same_surface():
     np.testing.assert_allclose(turned.feet, rules.feet, atol=1e-12)
     np.testing.assert_allclose(turned.curvatures, -rules.curvatures[:, ::-1], atol=1e-12)
     np.testing.assert_allclose(np.linalg.det(turned.frames), 1.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["torus", "sphere", "box"])
+def test_a_closed_surface_has_no_border(name):
+    assert at_border(rules_on(CLOSED[name])).mean() < 0.5 * RIM
+
+
+def test_the_border_of_a_sheet_is_found_and_nothing_else():
+    sheet = plane_patch(900)
+    rules = rules_on(sheet)
+    found = at_border(rules)
+    x = sheet.points
+    flat = np.linalg.svd(x - x.mean(axis=0), full_matrices=False)[0][:, :2]
+    outside = np.abs(flat).max(axis=1)
+    assert found.mean() > 0.5 * RIM
+    assert np.quantile(outside[found], 0.1) > np.median(outside)
+
+
+def test_one_rule_is_all_border():
+    assert at_border(rules_on(sphere(1))).all()
