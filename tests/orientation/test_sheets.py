@@ -228,12 +228,10 @@ def test_the_border_of_a_sheet_is_found_and_nothing_else():
     sheet = plane_patch(900)
     rules = rules_on(sheet)
     found = at_border(rules)
-    x = sheet.points
-    flat = np.linalg.svd(x - x.mean(axis=0), full_matrices=False)[0][:, :2]
-    outside = np.abs(flat).max(axis=1)
+    outside = np.abs(sheet.points[:, :2]).max(axis=1)
     assert found.mean() > 0.5 * RIM
-    assert np.quantile(outside[found], 0.1) > np.median(outside)
+    assert np.median(outside[found]) > 0.45, "the edge of the sheet is at 0.5"
 
 
-def test_one_rule_is_all_border():
-    assert at_border(rules_on(sphere(1))).all()
+def test_rules_without_neighbours_around_them_are_border():
+    assert at_border(rules_on(sphere(2))).all()
