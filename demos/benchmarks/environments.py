@@ -1,9 +1,9 @@
 """Fresh environments: the wheels under every Python, with Open3D or not, with old and new NumPy.
 
 For each Python there are virtual environments with NumPy 1.26 and 2, with Open3D and without, each
-with the wheel for this Python and what it asks for from PyPI. Where NumPy has no such wheel, the
-row says so. There the code blocks of the README run: all of its
-Python with Open3D, the blocks for arrays without, and the whole of its shell.
+with the wheel for this Python and what it asks for from PyPI. There the code blocks of the README
+run: all of its Python with Open3D, the blocks for arrays without, and the whole of its shell. Where
+NumPy has no wheel for a Python, the row says so.
 """
 
 from __future__ import annotations
